@@ -38,7 +38,7 @@ def draw(run: Comparison, k: int, size: tuple[float, float]) -> Image.Image:
         paths.plot(*motion.xy[k], "o", color=ink, markersize=7.0)
         ahead = rotate_body_to_world(np.array([0.25, 0.0]), motion.yaw[k])
         paths.plot(*np.transpose([motion.xy[k], motion.xy[k] + ahead]), color=ink, linewidth=3.0)
-    (covariance,), _ = band.covariance(there.pose, np.array([0]), np.array([k]))
+    (covariance,) = band.covariance(there.pose, np.array([0]), np.array([k]))
     axes = rotate_body_to_world(np.eye(2), there.yaw[0]).T
     values, vectors = np.linalg.eigh(axes @ covariance @ axes.T)
     width, height = 2.0 * band.reach_position * np.sqrt(np.maximum(values, 0.0))

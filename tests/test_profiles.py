@@ -96,6 +96,8 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
             "unknown wheel shape 'box'; there are: ellipsoid",
         ),
         (HEAD + "plants = 3\n", "plants is 3, wanted a table"),
+        (HEAD + "[plants.mujoco.bands]\nwheels = 3\n", "bands.wheels is 3, wanted a table"),
+        (HEAD + "[plants.mujoco.bands.wheels]\nyaw_noise = 0\n", "Band.yaw_noise = 0.0 lies"),
         ("this is no TOML", "profile .*mine.toml"),
     ],
 )
@@ -104,6 +106,13 @@ def test_a_bad_profile_is_refused(tmp_path: Path, text: str, what: str) -> None:
     path.write_text(text)
     with pytest.raises(match=what):
         load_profile(str(path))
+
+
+def test_bands_of_an_earlier_version_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    old = "way_walk = 0.02\nbend_walk = 0.01\nbend_scale = 0.002\nreach_yaw = 2.0\n"
+    path.write_text(HEAD + "[plants.mujoco.bands.wheels]\n" + old)
+    assert not load_profile(str(path)).plants["mujoco"].bands
 
 
 def test_an_unknown_profile_or_plant_lists_the_known() -> None:

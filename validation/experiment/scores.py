@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ssmr.geometry import relative, wrap_angle
-from ssmr.metrics.bands import Band, estimated_band
+from ssmr.metrics.bands import Band, estimated_band, interval_score
 from ssmr.metrics.declared import Metrics
 from ssmr.metrics.windows import (
     HorizonErrors,
@@ -48,9 +48,9 @@ class Scores:
     """As `windows`, with the gyro as the judge of heading; empty without a useful gyro."""
     band: Band | None = None
     """Uncertainty of the plant's predictions; None if not asked for, or not known."""
-    coverage: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
-    """Shares of windows that end inside the band, by horizon [s]: `position`, `yaw` and
-    `yaw_gyro`."""
+    held: Mapping[float, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    """Share of windows that end inside the band, and its interval score [m or rad], by horizon [s]
+    for `position`, `yaw` and `yaw_gyro`."""
 
     @cached_property
     def overlapping(self) -> Mapping[float, OverlappingErrors]:
@@ -79,8 +79,9 @@ class Scores:
                     overlapping[key.replace("yaw", "yaw_gyro")] = by_gyro[key]
             entry = horizons.setdefault(f"{horizon:g}", {})
             entry["overlapping"] = overlapping
-            if horizon in self.coverage:
-                entry["coverage_90"] = dict(self.coverage[horizon])
+            if held := self.held.get(horizon):
+                entry["coverage_90"] = {part: share for part, (share, _) in held.items()}
+                entry["interval_score_90"] = {part: score for part, (_, score) in held.items()}
         if horizons:
             document["horizons"] = horizons
         return document
@@ -117,7 +118,7 @@ def score(
     errors = {}
     windows = {}
     gyro = {}
-    coverage = {}
+    held = {}
     for horizon in horizons:
         if steps := signed_windows(driven, horizon, horizon_windows):
             standing = count_windows(pieces, horizon, horizon_windows, True)
@@ -125,12 +126,12 @@ def score(
         if steps := signed_windows(driven, horizon):
             windows[horizon] = WindowErrors(horizon, *_sizes(steps))
             if band is not None:
-                coverage[horizon] = _inside(steps, band)
+                held[horizon] = _held(steps, band)
         if steps := signed_windows(judged, horizon):
             gyro[horizon] = WindowErrors(horizon, *_sizes(steps))
             if band is not None:
-                coverage[horizon]["yaw_gyro"] = _inside(steps, band)["yaw"]
-    return Scores(metrics, errors, windows, gyro, band, coverage)
+                held[horizon]["yaw_gyro"] = _held(steps, band)["yaw"]
+    return Scores(metrics, errors, windows, gyro, band, held)
 
 
 _Windows = tuple[FloatArray, IndexArray, IndexArray, FloatArray]
@@ -143,13 +144,13 @@ def _sizes(steps: Sequence[_Windows]) -> tuple[FloatArray, FloatArray]:
     return np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
 
 
-def _inside(steps: Sequence[_Windows], band: Band) -> dict[str, float]:
-    """Return the shares of windows whose `position`, and whose `yaw`, end inside a band."""
-    position, yaw = zip(*(band.sizes(*step) for step in steps), strict=True)
-    return {
-        "position": float(np.mean(np.concatenate(position) <= 1.0)),
-        "yaw": float(np.mean(np.concatenate(yaw) <= 1.0)),
-    }
+def _held(steps: Sequence[_Windows], band: Band) -> dict[str, tuple[float, float]]:
+    """Return what `Scores.held` has for `position` and `yaw` at one horizon."""
+    edges = np.concatenate([band.edges(*step) for step in steps], axis=1)
+    held = {}
+    for part, edge, error in zip(("position", "yaw"), edges, _sizes(steps), strict=True):
+        held[part] = (float(np.mean(error <= edge)), interval_score(error, edge))
+    return held
 
 
 def count_windows(
@@ -183,24 +184,25 @@ def signed_windows(
     return signed
 
 
-def band_of(parts: Sequence[Driven]) -> Band | None:
+def band_of(parts: Sequence[Driven], by_log: bool = False) -> Band | None:
     """Return the band of a plant's predictions of logs, see `estimated_band`.
 
     None where there are too few windows. `parts` has the logs as a plant drives them whose numbers
-    were found without their first, second, ... part of time.
+    were found without their first, second, ... part of time; or if `by_log`, each log as a plant
+    drives it whose numbers the others gave.
     """
     windows = {}
     for horizon in BAND_HORIZONS:
-        drives = [signed_windows(driven, horizon) for driven in parts]
-        counts = [len(starts) for _, starts, _, _ in drives[0]]
-        total = sum(counts)
-        # the part of time that each window lies in, piece by piece
-        places = np.arange(total) * len(parts) // max(total, 1)
-        pieces = np.split(places, np.cumsum(counts)[:-1])
         unseen = []
-        for k, steps in enumerate(drives):
-            for (path, starts, ends, error), place in zip(steps, pieces, strict=False):
-                inside = place == k
+        for k, driven in enumerate(parts):
+            steps = signed_windows(driven, horizon)
+            total = sum(len(starts) for _, starts, _, _ in steps)
+            first = 0
+            for path, starts, ends, error in steps:
+                # the part of time that each window lies in
+                place = np.arange(first, first + len(starts)) * len(parts) // total
+                first += len(starts)
+                inside = (place == k) | by_log
                 unseen.append((path, starts[inside], ends[inside], error[inside]))
         windows[horizon] = unseen
     return estimated_band(windows)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
+from copy import copy
+
+import numpy as np
 
 from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import Band
@@ -12,7 +15,7 @@ from validation.experiment.scores import Scores, band_of
 from validation.experiment.sources import RECORDING, Piece, Source
 from validation.identify.problem import FitProblem
 from validation.identify.targets import score_pieces
-from validation.identify.uncertainty import Uncertainty
+from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty
 from validation.plants.kind import PlantProfile
 from validation.plants.searchable import with_values
 from validation.plants.table import SIMULATED, plant_kind
@@ -91,14 +94,30 @@ def held_out_scores(
 
 
 def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> Band | None:
-    """Spread of predictions along the recordings when parts of the data are left out."""
+    """Spread of predictions along the recordings when parts of the data are left out.
+
+    They are whole logs where there are enough of them: each is predicted as a log that is judged
+    alone is, by the numbers and the mean localiser of the others.
+    """
+    by_log = len(problem.days) >= FEWEST_DAYS
     parts = []
-    for point in sure.without:
+    for k, point in enumerate(sure.without):
         driven = list[tuple[Piece, Trajectory]]()
         for source in problem.sources:
-            if source.reference == RECORDING:
-                plant = problem.candidate(point, problem.tags[source.name])
-                plant = plant or plant_on(problem, best, source)
-                driven += source.driven(motions_of(problem, plant, source))
+            tags = problem.tags[source.name]
+            if source.reference != RECORDING or (by_log and tags != problem.days[k].tags):
+                continue
+            plant = _from_others(problem, k, point) if by_log else problem.candidate(point, tags)
+            plant = plant or plant_on(problem, best, source)
+            driven += source.driven(motions_of(problem, plant, source))
         parts.append(driven)
-    return band_of(parts)
+    return band_of(parts, by_log)
+
+
+def _from_others(problem: FitProblem, k: int, point: FloatArray) -> PlantProfile | None:
+    """Return the plant on the k-th log without any number that this log alone has."""
+    log, *ground = problem.days[k].tags
+    is_own = [name.partition("@")[2] == log for name in problem.space.names]
+    others = copy(problem)
+    others.weights = np.where(is_own, 0.0, problem.weights)
+    return others.candidate(point, ground)

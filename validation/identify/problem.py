@@ -29,7 +29,7 @@ import numpy as np
 from ssmr.errors import ParameterError
 from ssmr.robot.drive import whole_steps
 from ssmr.search.space import ParameterSpace
-from ssmr.types import FloatArray
+from ssmr.types import FloatArray, IndexArray
 from validation.experiment.sources import RECORDING, Source
 from validation.experiment.user_law import add_model_of, model_file
 from validation.identify.objective import (
@@ -234,6 +234,12 @@ class FitProblem:
     def blocks(self) -> FloatArray:
         """(K,) number of the block of time that each residual belongs to."""
         return np.concatenate([rater.blocks for rater in self._raters])
+
+    @property
+    def day_numbers(self) -> IndexArray:
+        """(K,) number of the day that each residual belongs to."""
+        sizes = [sum(len(rater.blocks) for rater, _ in day.raters) for day in self.days]
+        return np.repeat(np.arange(len(sizes)), sizes)
 
     @property
     def torques(self) -> bool:

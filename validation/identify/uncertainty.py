@@ -71,8 +71,8 @@ class Uncertainty:
     method: str
     """Sentence that says how they were found."""
     without: FloatArray
-    """(QUARTERS, n) points of the unit cube that the data give without their first, second, ...
-    part of time."""
+    """(P, n) points of the unit cube that the data give without their first, second, ... part: one
+    of the `QUARTERS` of time, or with `FEWEST_DAYS` logs or more one log."""
     spread: Mapping[str, float]
     """Standard deviation of each number from one day to another, by name; empty of scenarios."""
 
@@ -194,7 +194,7 @@ def _still_to_go(
 def _without(
     point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem
 ) -> FloatArray:
-    """Return (QUARTERS, n) points of the unit cube, each without a part of the time.
+    """Return (P, n) points of the unit cube, each without a part of the time, or without a log.
 
     They are one step of Newton's method away.
     """
@@ -202,13 +202,15 @@ def _without(
     slopes = np.nan_to_num(slopes)
     number = np.unique(problem.blocks, return_inverse=True)[1]
     part = number * QUARTERS // (number.max() + 1)
+    if len(problem.days) >= FEWEST_DAYS:
+        part = problem.day_numbers
     prior = len(errors) - len(part)
     part = np.pad(part, (0, prior), constant_values=-1)  # the prior is in no part
     gradients = slopes * pull[:, None]
     # nothing at an optimum; where a bound holds a number, no reason to go
     gradients -= gradients.mean(axis=0)
     points = []
-    for k in range(QUARTERS):
+    for k in range(part.max() + 1):
         rest = part != k
         points.append(point + _newton(slopes[rest], stiffness[rest], -gradients[~rest].sum(axis=0)))
     return np.clip(points, 0.0, 1.0)
@@ -228,13 +230,11 @@ def _spread(
     slopes = np.nan_to_num(slopes)
     values = []
     variances = []
-    first = 0
-    for day in problem.days:
-        blocks = np.concatenate([rater.blocks for rater, _ in day.raters])
-        rows = slice(first, first + len(blocks))
-        first = rows.stop
+    for k, day in enumerate(problem.days):
+        rows = np.flatnonzero(problem.day_numbers == k)
         columns = list(day.columns)
-        step, own_covariance = _of_a_day(errors[rows], slopes[rows, columns], blocks)
+        own = slopes[rows][:, columns]
+        step, own_covariance = _of_a_day(errors[rows], own, problem.blocks[rows])
         value = point.copy()
         value[columns] += step
         variance = np.full(len(point), IGNORANCE**2)

@@ -326,7 +326,11 @@ def _parse_plant(common: PlantProfile, section: Mapping[str, Any], where: str) -
         parts[part] = _fill(getattr(common, part), section.get(part, {}), f"{where}.{part}")
     entries = section.get("bands", {})
     reading.require_known(entries, {"commands", "wheels"}, f"{where}.bands")
-    bands = {kind: _fill(Band(), v, f"{where}.bands.{kind}") for kind, v in entries.items()}
+    bands = {}
+    for kind, entry in entries.items():
+        # bands of version 2.0 had more causes, and say nothing of today's
+        if not (isinstance(entry, dict) and "bend_walk" in entry):
+            bands[kind] = _fill(Band(), entry, f"{where}.bands.{kind}")
     spread = section.get("spread", {})
     if spread:
         plant = where.removeprefix("plants.")

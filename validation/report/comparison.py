@@ -217,7 +217,7 @@ class Comparison(Motions):
         t = track.pieces[i].t
         pose = track.pieces[i].pose
         ends = np.searchsorted(t, np.arange(t[b], t[a], -1.0))
-        covariance, _ = scores.band.covariance(pose, np.full(len(ends), a), ends)
+        covariance = scores.band.covariance(pose, np.full(len(ends), a), ends)
         middles = compose(at, relative(pose[a], pose[ends]))[:, :2]
         axes = rotate_body_to_world(np.eye(2), at[2]).T
         reach = scores.band.reach_position

@@ -67,6 +67,11 @@ _INTERVALS = (
     "Medians over windows that begin every second, with 90 % confidence of the median; for a log "
     "of less than four horizons, with the range of errors."
 )
+_SCORES = (
+    "Score: the band's width and 20 times what lies beyond its edge, the mean over windows; less "
+    "is better. A band knows what changed within its logs, not what changes after them: it misses "
+    "a robot that turns 5 % more on another day."
+)
 _ALIKE = 0.02
 """Relative difference below which two errors are printed once."""
 _HEALTH = (
@@ -361,17 +366,20 @@ def interval_table(
 
 
 def _band_table(scores: Mapping[str, Scores]) -> Table:
-    """Shares of windows at whose end the robot was inside the plants' bands."""
+    """Shares of windows at whose end the robot was inside the plants' bands, and their scores."""
     rows: list[Row] = []
-    for h in sorted(set().union(*(r.coverage for r in scores.values()))):
+    for h in sorted(set().union(*(r.held for r in scores.values()))):
         for name, r in scores.items():
-            shares = r.coverage.get(h)
-            if shares:
-                inside = {f"{part}_inside_share": share for part, share in shares.items()}
-                rows.append({"horizon_s": h, "plant": name, **inside})
+            row: dict[str, Any] = {"horizon_s": h, "plant": name}
+            for part, (share, score) in r.held.get(h, {}).items():
+                row[f"{part}_inside_share"] = share
+                row[f"{part}_score_m" if part == "position" else f"{part}_score_rad"] = score
+            if len(row) > 2:
+                rows.append(row)
     return Table(
         "Windows that end inside the band, which promises 90 %",
         rows,
+        _SCORES,
         group="horizon_s",
         units=_POSES,
     )

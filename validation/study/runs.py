@@ -247,8 +247,9 @@ def _rows_of(name: str, judged: Comparison) -> Sequence[Row]:
         for horizon, errors in result.overlapping.items():
             row = {"log": name, "plant": plant, "horizon_s": horizon}
             row |= {key: getattr(errors, key) for key in _MEDIANS}
-            for part, share in result.coverage.get(horizon, {}).items():
+            for part, (share, score) in result.held.get(horizon, {}).items():
                 row[f"coverage_90_{part}"] = share
+                row[f"interval_score_90_{part}"] = score
             row["n"] = errors.n
             row["heading_judge"] = "gyro" if judged.gyro_first else "localiser"
             if by_gyro := result.by_gyro.get(horizon):

@@ -39,7 +39,7 @@ AIMS: Mapping[tuple[str, str], tuple[float, float]] = {
     },
     ("commands", "mujoco"): (40.0, math.degrees(0.045)),
 }
-"""Targets of the project for the held-out median error after 6 s, by input and plant [mm],
+"""Held-out median errors after 6 s that were hoped for before the fit, by input and plant [mm],
 [deg]."""
 OUT = Path(__file__).parent / "img" / "tile.png"
 
@@ -130,7 +130,7 @@ def draw_tile() -> None:
             color="0.25",
             markersize=11,
             markeredgewidth=1.4,
-            label="target for held out",
+            label="hoped for before the fit",
         ),
     ]
     figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=8.5)

@@ -1,12 +1,16 @@
 """Write the marked numbers of README and the Start pages from runs, or say which are stale.
 
-`python docs/write_numbers.py` writes; `--check` names stale ones and exits with status 1. A mark is
-`<!--=KEY-->`, what is written, and `<!--/-->`. A number is stale that is off by more than 2 % and
-one of its last digits; real time, the last column of a table, differs between computers.
+`python docs/write_numbers.py [--data FOLDER]` writes, in some ten minutes; `--check` names stale
+ones and exits with status 1. FOLDER has the recordings (*.csv), also in folders of it; without,
+numbers of husky_tile_train.csv stay. A mark is `<!--=KEY-->`, what is written, and `<!--/-->`. A
+number is stale that is off by more than 2 % and one of its last digits; real time, the last column
+of a table, differs between computers.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
 import math
 import re
 import subprocess
@@ -28,6 +32,18 @@ NEW = "--wheelbase 0.512 --track 0.571 --wheel-radius 0.165 --wheel-width 0.125 
 """The robot of docs/your_robot.md."""
 AFTER = "6"
 """Horizon whose errors the pages have [s]."""
+FOLLOWERS = (
+    "mpc",
+    "lqr-scheduled+predictor",
+    "lqr+predictor",
+    "lqr tuned",
+    "lqr robust",
+    "lqr-scheduled tuned",
+    "lqr published",
+    "pid tuned",
+    "pid published",
+)
+"""Rows of the table of controllers."""
 
 
 def is_fresh(old: str, new: str) -> bool:
@@ -100,6 +116,58 @@ def of_calibration() -> dict[str, str]:
     return {"calibrated": "\n".join([*lines, ""]), **medians, **radii}
 
 
+def of_tile(data: Path) -> dict[str, str]:
+    """Return the errors on the part of a log that no fit has seen."""
+    log = next(data.rglob("husky_tile_train.csv"))
+    plants = ("mujoco", "improved", "coulomb", "linear", "kinematic", "four_wheel")
+    options: dict[str, Any] = {"since": 500.0, "input": "wheels", "horizons": (6.0,)}
+    judged = compare(log, "husky-tile", plants=plants, **options).as_dict()["plants"]
+    errors = [plant["horizons"][AFTER]["overlapping"] for plant in judged.values()]
+    places = [error["position_median_m"] for error in errors]
+    least = min(places)
+    most = max(places)
+    return {
+        "tile.positions": f"{1e3 * least:.0f}–{1e3 * most:.0f}",
+        "tile.centimetres": f"{1e2 * most:.0f}",
+    }
+
+
+def of_following() -> dict[str, str]:
+    """Return how closely controllers follow paths in MuJoCo, on two robots."""
+    judged = []
+    for profile in ("thesis-lab", "husky-tile"):
+        with tempfile.TemporaryDirectory() as folder:
+            words = ["--profile", profile, "--plants", "mujoco,kinematic", "--out", folder]
+            command = [sys.executable, "-m", "validation.study", "transfer", *words, "--overwrite"]
+            subprocess.run(command, check=True, capture_output=True)
+            found = json.loads((Path(folder) / "study.json").read_text(encoding="utf-8"))
+        judged.append(found["profiles"][profile]["plants"]["mujoco"]["contenders"])
+    columns = []
+    for of_robot in judged:
+        for measure, scale in (("d_rms_m", 1e3), ("sync_rms_m", 1e3), ("cost", 1.0)):
+            numbers = [scale * of_robot[name][measure] for name in FOLLOWERS]
+            texts = [f"{n:.0f}" if scale > 1.0 or n >= 10.0 else f"{n:.1f}" for n in numbers]
+            best = numbers.index(min(numbers))
+            texts[best] = f"**{texts[best]}**"
+            columns.append(texts)
+    head = ["controller, gains"]
+    for robot in ("lab's Husky", "Husky on tile"):
+        head += [f"{robot}: off the path [mm]", "behind its target [mm]", "cost"]
+    lines = [f"| {' | '.join(head)} |", "|---" + "|---:" * 6 + "|"]
+    for row, name in enumerate(FOLLOWERS):
+        law, _, gains = name.partition(" ")
+        cells = [f"`{law}` {gains}".rstrip(), *(column[row] for column in columns)]
+        lines.append(f"| {' | '.join(cells)} |")
+    planned = judged[0]["mpc"]["d_rms_m"]
+    published = judged[0]["pid published"]["d_rms_m"]
+    return {
+        "followers": "\n".join(["", *lines, ""]),
+        "mpc.path": f"{1e3 * planned:.0f}",
+        "pid.path": f"{1e3 * published:.0f}",
+        "mpc.times": f"{published / planned:.1f}",
+    }
+
+
 def of_results() -> dict[str, str]:
     """Return the verdicts that docs/results.md has, which the replication writes."""
     text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
@@ -108,14 +176,22 @@ def of_results() -> dict[str, str]:
     return {f"thesis.{name}": number for name, number in zip(names, numbers, strict=True)}
 
 
-def main(check: bool) -> int:
+def main() -> int:
     """Write the numbers, or only check them; return the exit status."""
-    values = of_scenario() | of_log() | of_calibration() | of_results()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="write nothing, name stale numbers")
+    parser.add_argument("--data", type=Path, help="folder with the recordings")
+    given = parser.parse_args()
+    values = of_scenario() | of_log() | of_calibration() | of_results() | of_following()
+    if given.data is not None:
+        values |= of_tile(given.data)
     stale = []
     for page in PAGES:
 
         def new(mark: re.Match[str], page: Path = page) -> str:
             begin, key, old, end = mark.groups()
+            if key.startswith("tile.") and given.data is None:
+                return mark[0]
             if is_fresh(old, values[key]):
                 return mark[0]
             stale.append(f"{page.name}: {key} is {old.strip()}, now {values[key].strip()}")
@@ -123,11 +199,11 @@ def main(check: bool) -> int:
 
         text = page.read_text(encoding="utf-8")
         written = MARK.sub(new, text)
-        if written != text and not check:
+        if written != text and not given.check:
             page.write_text(written, encoding="utf-8")
     print("\n".join(stale) or "all numbers are those of today")
-    return int(check and bool(stale))
+    return int(given.check and bool(stale))
 
 
 if __name__ == "__main__":
-    sys.exit(main("--check" in sys.argv[1:]))
+    sys.exit(main())

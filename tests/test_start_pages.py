@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import exit_status
+from tests.conftest import data_folder, exit_status
 from validation.cli import parse
 from validation.cli.__main__ import PROGRAMS, program_named
 from validation.files.formats import log_path
@@ -96,5 +96,7 @@ def test_a_start_page_runs_from_top_to_bottom(
 @pytest.mark.slow
 def test_numbers_of_the_pages_are_those_of_runs(tmp_path: Path) -> None:
     script = [sys.executable, str(DOCS / "write_numbers.py"), "--check"]
+    if data_folder().is_dir():
+        script += ["--data", str(data_folder())]
     done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

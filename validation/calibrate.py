@@ -301,8 +301,8 @@ class Calibrated(Report):
 
     def verdict(self) -> str:
         """Return which fits are better on data that they have not seen."""
-        better = " and ".join(_label(f) for f in self.fits if f.better)
-        worse = " and ".join(_label(f) for f in self.fits if not f.better)
+        better = ", ".join(_label(f) for f in self.fits if f.better)
+        worse = ", ".join(_label(f) for f in self.fits if not f.better)
         words = [
             f"profile.toml has new numbers of {better}: better on data that no fit has seen."
         ] * bool(better)

@@ -362,7 +362,7 @@ def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:
     names = problem.space.names
     share = uncertainty.share
     touched = set[str]()
-    advice = "it stays near its value of before" if problem.robust else "use --fix"
+    advice = "it is little more than a guess" if problem.robust else "use --fix"
     for name, s, known in zip(names, share, ignorance(problem), strict=True):
         if s > VAGUE * known:
             touched.add(name)

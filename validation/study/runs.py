@@ -38,6 +38,7 @@ from validation.study.common import AnyStudy, Study
 from validation.study.runs_tables import (
     BOTH,
     INTERVAL,
+    ON,
     OTHERS,
     OWN,
     errors_table,
@@ -53,6 +54,8 @@ _HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 """Times after which predictions are judged [s]."""
 _ACROSS = 3
 """Number of panels in a row of the picture."""
+_ADAPT_S = 30.0
+"""Time between two sets of numbers where fits go on while the robot drives [s]."""
 _COSTS = {"mujoco": 1.0, "four_wheel": 0.2}
 """Processor time of fit and judgement over the length of a log, by plant [1]."""
 _COST = 0.05
@@ -152,11 +155,11 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile, others: list[s
         if before.get("asked") == request:
             return {"found": before}
     middle = _middle_of_motion(log)
-    by_robot = dict[str, Profile]()
+    by_robot = dict[str, tuple[Profile, float | None]]()
     if others and FIRST_FITTED in o.plants:
         pooled = _fit(o, FIRST_FITTED, others, profile, folder / name / "others").profile
         own = _fit(o, FIRST_FITTED, log, pooled, folder / name / "both", until=middle)
-        by_robot = {OTHERS: pooled, BOTH: own.profile}
+        by_robot = {OTHERS: (pooled, None), ON: (pooled, _ADAPT_S), BOTH: (own.profile, None)}
     numbers: dict[str, Row] = {}
     for plant, fitted in _fit_all(o, log, profile, middle, folder / name):
         profile = fitted.profile
@@ -179,8 +182,8 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile, others: list[s
     compared = []
     if by_robot:
         compared = [{**row, "fitted_to": OWN} for row in rows if row["plant"] == FIRST_FITTED]
-    for fitted_to, each in by_robot.items():
-        again = _rows_of(name, judge(each, plants=(FIRST_FITTED,)))
+    for fitted_to, (each, adapt) in by_robot.items():
+        again = _rows_of(name, judge(each, plants=(FIRST_FITTED,), adapt=adapt))
         compared += [{**row, "fitted_to": fitted_to} for row in again]
     found = {
         "schema": SCHEMA,
@@ -298,7 +301,7 @@ def study_runs(o: RunsStudy) -> Study:
         tables.append(Table(f"{plant} on each ground", numbers))
     rows = list(chain.from_iterable(run["rows"] for run in logs.values()))
     notes = said_once({name: run["told"] for name, run in logs.items()})
-    notes += [worth(by_robot, fitted_to) for fitted_to in (OTHERS, BOTH) if by_robot]
+    notes += [worth(by_robot, fitted_to) for fitted_to in (OTHERS, ON, BOTH) if by_robot]
     panels = _panels(logs)
     panels += [drawing.PanelRow(3.0, [robots_panel(by_robot)])] * bool(by_robot)
     return Study(

@@ -1,8 +1,8 @@
 """Tables of the study of runs, and what a robot's other logs are worth.
 
-A log is judged after three fits of one plant. The first is to the log's own first half, the second
-to the robot's other logs, and the third to that half with the others' numbers and their spread as
-its prior. None has seen the second half, which judges.
+A log's second half judges fits of one plant that have not seen it: one to its first half, one to
+the robot's other logs, this one again with numbers that follow the half as it is driven and predict
+from its past alone, and one to the first half that has the others' numbers and spread as its prior.
 """
 
 from __future__ import annotations
@@ -23,12 +23,18 @@ INTERVAL = ("position_median_m", "position_low_m", "position_high_m")
 """Columns of a row with a median and its interval."""
 OWN = "its first half"
 OTHERS = "the other logs"
+ON = "the other logs, and on while it drives"
 BOTH = "its first half, begun with the others"
 _TOLD = 6.0
 """Horizon of the sentence and of the picture [s]."""
 _LEVEL = 0.9
 """Confidence of the interval of a ratio [1]."""
-_INKS = {OWN: drawing.BESIDE_INK, OTHERS: "C1", BOTH: drawing.ink_of("kinematic")}
+_INKS = {
+    OWN: drawing.BESIDE_INK,
+    OTHERS: "#e6ab02",
+    ON: "#1b9e77",
+    BOTH: drawing.ink_of("kinematic"),
+}
 
 
 def errors_table(title: str, rows: Sequence[Row], names: Sequence[str] = ("plant",)) -> Table:
@@ -85,14 +91,14 @@ def worth(rows: Sequence[Row], fitted_to: str) -> str:
 
 
 def robots_panel(rows: Sequence[Row]) -> Callable[[Axes], None]:
-    """Return a function that draws each log's error after the three fits."""
+    """Return a function that draws each log's error after each of the fits."""
     told = [row for row in rows if row["horizon_s"] == _TOLD]
     logs = list(dict.fromkeys(row["log"] for row in told))
 
     def draw(ax: Axes) -> None:
         for k, (fitted_to, ink) in enumerate(_INKS.items()):
             of_fit = [row for row in told if row["fitted_to"] == fitted_to]
-            places = np.array([logs.index(row["log"]) for row in of_fit]) + 0.2 * (k - 1)
+            places = np.array([logs.index(row["log"]) for row in of_fit]) + 0.17 * (k - 1.5)
             median, low, high = (np.array([row[key] for row in of_fit]) for key in INTERVAL)
             reach = [median - low, high - median]
             ax.errorbar(places, median, reach, fmt="o", color=ink, label=f"fitted to {fitted_to}")

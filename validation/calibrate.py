@@ -31,12 +31,12 @@ from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
 from validation.fit import Fit, Fitted, run_fit
+from validation.identify.beginning import FIRST_FITTED
 from validation.identify.targets import Input, Span, split_ground
 from validation.output import Progress, file_name, one_line, said_once
-from validation.plants.kind import SEEN
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.searchable import OF_A_LOG, find
-from validation.plants.table import PLANTS, SIMULATED
+from validation.plants.searchable import OF_A_LOG
+from validation.plants.table import PLANTS, plant_kind
 from validation.report import drawing
 from validation.report.columns import Unit
 from validation.report.comparison import Comparison
@@ -62,8 +62,6 @@ _EXPLAINED = 0.5
 """Share of the way at which an error says that the inputs do not explain the motion [1]."""
 TRAINED = 2.0 / 3.0
 """Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""
-FIRST_FITTED = "kinematic"
-"""Plant that is fitted first; its pose source, wheels and driver are where others begin."""
 # share of time without a command in which wheels may turn [1]; beyond it commands say little
 _UNCOMMANDED = 0.05
 _DRIVER = (
@@ -74,8 +72,6 @@ _DRIVER = (
     "acceleration_w",
     "wheel_lag",
 )
-BODY = (*SEEN, "wheel_radius", "radius_difference")
-"""Numbers that `begin_at` takes for a body with wheels of its own."""
 
 
 @dataclass(frozen=True)
@@ -458,11 +454,9 @@ def _fits(
                 "fix": _of_logs(fits[-1]) if fits[-1].better else {},
                 "bounds": {"command_half_track": (0.2 * track, 1.5 * track)},
             }
-        if plant in SIMULATED:
-            # a simulated run is dear, and the kinematic fit knows where to begin
-            begun = begin_at(plant, settings.get("free", BODY), profile)
-            begun |= {} if "free" in settings else _of_logs(fits[0])
-            settings |= {"search": "lsq", "guess": begun}
+        if plant_kind(plant).torques:
+            # its run is dear, and the kinematic fit knows where to begin
+            settings["search"] = "lsq"
         options = Fit(
             plant,
             o.names,
@@ -541,28 +535,6 @@ def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[s
     raise ValueError(
         f"{log.name} has neither wheel rates, enc_left and enc_right, nor commands that drive it"
     )
-
-
-def begin_at(plant: str, free: Sequence[str], profile: Profile) -> dict[str, float]:
-    """Return a simulated plant's numbers to begin a fit with, from those of the kinematic plant.
-
-    They lie within the plant's bounds.
-    """
-    section = profile.section(FIRST_FITTED)
-    radius = section.vehicle.wheel_radius
-    p = section.parameters
-    numbers = {
-        "wheel_radius": 0.5 * radius * (p.alpha_l + p.alpha_r),
-        "radius_difference": radius * (p.alpha_l - p.alpha_r),
-    }
-    for name in free:
-        if name not in numbers:
-            numbers[name] = find(FIRST_FITTED, name, section.robot).read(section)
-    start = {}
-    for name in free:
-        s = find(plant, name, section.robot)
-        start[name] = min(max(numbers[name], s.lower), s.upper)
-    return start
 
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ from ssmr.errors import SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.models.law import PlanarLaw
 from ssmr.parameters import require_within
-from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Trajectory
 from validation import cli
@@ -36,6 +35,7 @@ from validation.experiment.scores import (
 from validation.experiment.sources import Piece, Source, unknown_robot_notes
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
+from validation.identify.beginning import FIRST_FITTED, begin_at, first_points, untold
 from validation.identify.currents import with_torques
 from validation.identify.judging import (
     held_out_scores,
@@ -47,7 +47,6 @@ from validation.identify.judging import (
 from validation.identify.motor_logs import chassis_of, loss_of
 from validation.identify.objective import FitCost, Objective, true_motion
 from validation.identify.problem import IGNORANCE, FitProblem
-from validation.identify.refine import STARTS
 from validation.identify.report import (
     SearchReport,
     bound_sentences,
@@ -55,7 +54,15 @@ from validation.identify.report import (
     search_figure,
     status_of,
 )
-from validation.identify.search import Search, Searching, search_for
+from validation.identify.search import (
+    JAGGED,
+    SETTINGS,
+    STARTS_OF,
+    Method,
+    Search,
+    Searching,
+    search_for,
+)
 from validation.identify.targets import (
     HORIZONS,
     MOST_TIME,
@@ -82,24 +89,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Method = Literal["jde", "hybrid", "lsq"]
-"""Searches of a fit: differential evolution; a short one, then least squares; or least squares from
-one start."""
-_USUAL: Mapping[tuple[Method, bool], JdeSettings] = {
-    ("jde", False): JdeSettings(50, 300),
-    ("jde", True): JdeSettings(20, 90),
-    ("hybrid", False): JdeSettings(20, 10),
-    ("hybrid", True): JdeSettings(20, 4),
-    ("lsq", False): JdeSettings(5, 1),  # of which only the first candidate counts
-    ("lsq", True): JdeSettings(5, 1),
-}
-"""Usual settings of jDE for planar models (`jde`: Tab. 3.7 of the thesis) and simulated bodies."""
-_STARTS: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
-"""Greatest number of starts of least squares."""
-_JAGGED = JdeSettings(50, 150, patience=80, slope=0.0)
-"""Usual settings of a hybrid search of planar models for the path objective: distances between
-samples make it jagged, so least squares go to the right place but not to the least cost there.
-F and CR that are not lowered find it in half of the evaluations that the thesis' settings take."""
 _FITTED = "; fitted: "
 """What stands between a profile's description and the plants that were fitted."""
 # metrics in the table of scores
@@ -265,15 +254,7 @@ class Fitted(SearchReport):
         if self.worse and not self.asked.even_if_worse:
             return self.base
         document = self.document()
-        taken = (
-            "source",
-            "search",
-            "seed",
-            "cost",
-            "evaluations",
-            "generations",
-            "standard_errors_by",
-        )
+        taken = ("source", "search", "seed", "cost", "evaluations", "generations")
         parameters = self.parameters
         errors = {p.name: p.standard_error for p in parameters if p.standard_error is not None}
         earlier = self.base.provenance.get(self.model)
@@ -282,7 +263,7 @@ class Fitted(SearchReport):
             fits = {kind: earlier[kind] for kind in get_args(Occasion) if kind in earlier}
         occasion = occasion_of(self.asked)
         fits[occasion] = {
-            **{name: document[name] for name in taken},
+            **{name: document[name] for name in (*taken, "standard_errors_by")},
             "status": self.status,
             "options": {name: value for name, value in self.options.items() if value is not None},
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
@@ -410,7 +391,7 @@ def occasion_of(o: Fit) -> Occasion:
     return "scenario" if all(map(is_scenario, o.names)) else o.input
 
 
-def _searched(o: Fit, names: Sequence[str], tags: Mapping[str, tuple[str, ...]]) -> list[str]:
+def _searched(o: Fit, names: Sequence[str], tags: Mapping[str, Sequence[str]]) -> list[str]:
     """Return the names of the numbers that are searched, those of a log for each of several.
 
     Raises:
@@ -449,7 +430,9 @@ def run_fit(
     searched = _searched(o, kind.free[occasion] if o.free is None else o.free, tags)
     space = make_space(o.model, searched, o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
-    start = _first_points(o, space, before, occasion)
+    start = None
+    if o.guess is not None or o.search == "lsq" or occasion != "scenario":
+        start = first_points(o.guess, space, before)
     radius = None if is_default else base.robot.wheel_radius
     read = o.reading(radius)
     sources, held_out = open_sources(
@@ -476,11 +459,18 @@ def run_fit(
         held_out = [with_torques(source, chassis, constant, loss) for source in held_out]
     problem = FitProblem(o.model, begun, space, sources, cost, tags=tags, held=held)
     require_possible(problem, o.bounds)
+    begins = kind.torques and occasion != "scenario" and o.guess is None
+    if begins:
+        firsts = plant_kind(FIRST_FITTED).free[occasion] if o.free is None else ()
+        first = base.section(FIRST_FITTED)
+        start = begin_at(problem, first, _searched(o, firsts, tags), o)
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
-    settings = o.settings(_JAGGED if jagged else _USUAL[o.search, simulated])
-    search = search_for(problem, settings, o, start, _STARTS[o.search])
+    settings = o.settings(JAGGED if jagged else SETTINGS[o.search, simulated])
+    search = search_for(problem, settings, o, start, STARTS_OF[o.search])
+    if begins and o.free is None and (friction := untold(problem, search, o)):
+        return _held(o, friction, space, search.best, spans, warn)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
     report = _report(o, problem, base, search, before, held_out)
@@ -489,22 +479,32 @@ def run_fit(
     return report
 
 
-def _first_points(
-    o: Fit, space: ParameterSpace, before: FloatArray, occasion: Occasion
-) -> FloatArray | None:
-    """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
-    if o.guess is None and o.search != "lsq" and occasion == "scenario":
-        return None
-    named = o.guess if isinstance(o.guess, Mapping) else {}
-    numbers = [name.partition("@")[0] for name in space.names]
-    for name in named:
-        if name not in (*space.names, *numbers):
-            raise ValueError(f"guess names {name}, which is not free")
-    within = np.clip(before, space.lower, space.upper)
-    values = []
-    for name, number, value in zip(space.names, numbers, within, strict=True):
-        values.append(named.get(name, named.get(number, value)))
-    return space.points(np.array([values]))
+def _held(
+    o: Fit,
+    friction: Mapping[str, float],
+    space: ParameterSpace,
+    point: FloatArray,
+    spans: Mapping[str, Span] | None,
+    warn: Callable[[str], object],
+) -> Fitted:
+    """Return the report of a fit that goes on from an (n,) point with a friction that is held."""
+    guess = dict(zip(space.names, space.values(point).tolist(), strict=True))
+    again = replace(
+        o,
+        fix={**o.fix, **friction},
+        guess={name: value for name, value in guess.items() if name not in friction},
+        search="lsq",
+        out=None,
+        resume=False,
+    )
+    report = run_fit(again, lambda warning: None, spans)
+    reason = "neither currents nor the speed of this motion tell it."
+    notes = [f"{name} is held at {value:.3g}: {reason}" for name, value in friction.items()]
+    options = {**report.options, "search": o.search, "guess": o.guess}
+    report = replace(report, asked=o, options=options, remarks=[*notes, *report.remarks])
+    for sentence in report.worse:
+        warn(sentence)
+    return report
 
 
 def _report(

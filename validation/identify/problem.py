@@ -102,7 +102,7 @@ class FitProblem:
         self.space = space
         self.sources = tuple(sources)
         self.tags = tags or {}
-        self._held = held or {}
+        self.held = held or {}
         kind = plant_kind(model)
         objective: Objective = "sync" if kind.torques else "path"  # paths do not say when
         if any(source.reference == RECORDING for source in sources):
@@ -131,7 +131,7 @@ class FitProblem:
         for source in self.sources:
             tags = self.tags.get(source.name, ())
             columns = tuple(sorted(chain(*own_indices(self.space.names, tags).values())))
-            held = tuple(tags) if self._held else ()
+            held = tuple(tags) if self.held else ()
             day = days.setdefault((columns, held), Day(tags, columns, []))
             for _ in source.pieces:
                 day.raters.append((next(rest), source.sample_dt))
@@ -174,7 +174,7 @@ class FitProblem:
         return {
             "model": self.model,
             "parameters or bounds": self.space.limits(),
-            "held and spread": [self._held, self.base.spread],
+            "held and spread": [self.held, self.base.spread],
             "profile": self.base.numbers(),
             "robot": self.base.robot.as_document(),
             "objective": asdict(self.cost),
@@ -217,7 +217,7 @@ class FitProblem:
 
     def before(self, tags: Tags) -> PlantProfile:
         """Return the plant of before the fit on logs with some tags."""
-        held = {k: v for k, v in self._held.items() if k.partition("@")[2] in tags}
+        held = {k: v for k, v in self.held.items() if k.partition("@")[2] in tags}
         return with_values(self.model, self.base, list(held), held.values(), tags)
 
     @property

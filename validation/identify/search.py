@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, output
 from validation.identify.problem import FitProblem
-from validation.identify.refine import Corrected, Remembered, arrivals
+from validation.identify.refine import STARTS, Corrected, Remembered, arrivals
 from validation.identify.tuning import TuneProblem
 from validation.output import Progress
 
@@ -51,6 +51,24 @@ _LEFT_OUT = {
 }
 # options that are settings of the optimiser
 _SIZES = ("population", "generations", "patience")
+Method = Literal["jde", "hybrid", "lsq"]
+"""Searches of a fit: differential evolution; a short one, then least squares; or least squares from
+one start."""
+SETTINGS: Mapping[tuple[Method, bool], JdeSettings] = {
+    ("jde", False): JdeSettings(50, 300),
+    ("jde", True): JdeSettings(20, 90),
+    ("hybrid", False): JdeSettings(20, 10),
+    ("hybrid", True): JdeSettings(20, 4),
+    ("lsq", False): JdeSettings(5, 1),  # of which only the first candidate counts
+    ("lsq", True): JdeSettings(5, 1),
+}
+"""Usual settings of jDE for planar models (`jde`: Tab. 3.7 of the thesis) and simulated bodies."""
+STARTS_OF: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
+"""Greatest number of starts of least squares."""
+JAGGED = JdeSettings(50, 150, patience=80, slope=0.0)
+"""Usual settings of a hybrid search of planar models for the path objective: distances between
+samples make it jagged, so least squares go to the right place but not to the least cost there.
+F and CR that are not lowered find it in half of the evaluations that the thesis' settings take."""
 _log = logging.getLogger(__name__)
 
 

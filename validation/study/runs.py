@@ -21,12 +21,12 @@ from matplotlib.axes import Axes
 
 from ssmr.models.law import PLANAR_MODELS
 from validation import cli, output
-from validation.calibrate import BODY, FIRST_FITTED, begin_at
 from validation.compare import compare
 from validation.experiment.runs import warm_up
 from validation.experiment.sources import open_source
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import Fitted, fit
+from validation.identify.beginning import FIRST_FITTED
 from validation.output import Progress, file_name, one_line, said_once, shortened
 from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant
 from validation.plants.table import PLANTS
@@ -213,11 +213,8 @@ def _fit_all(
     """Yield every plant with its fit up to a time [s], which begins where the last one ended."""
     # first the kinematic model: others than planar ones begin with the body that it finds
     for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
-        heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
-        begun: dict[str, Any] = {}
-        if heavy:
-            begun = {"search": "lsq", "guess": begin_at(plant, BODY, profile)}
-        fitted = _fit(o, plant, log, profile, folder / plant, until=until, **begun)
+        search = "hybrid" if plant in PLANAR_MODELS else "lsq"
+        fitted = _fit(o, plant, log, profile, folder / plant, until=until, search=search)
         profile = fitted.profile
         yield plant, fitted
 

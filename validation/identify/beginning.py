@@ -1,0 +1,138 @@
+"""Where the fit of a body on wheels to logs begins: at what the kinematic model finds in them.
+
+That model has the radii, the lateness and the mount of the localiser, and the driver, as plain
+numbers, and finds them in less than a second. How a body turns, where its weight lies, is what is
+left to find; its friction is held where the logs do not tell it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ssmr.errors import SsmrError
+from ssmr.robot.ground import SkidTurn, turn_on_the_spot
+from ssmr.search.space import ParameterSpace
+from ssmr.types import FloatArray
+from validation.identify.problem import FitProblem
+from validation.identify.refine import STARTS
+from validation.identify.search import SETTINGS, Search, Searching, search_for
+from validation.identify.uncertainty import VAGUE, estimate, ignorance
+from validation.output import silent
+from validation.plants.kind import PlantProfile
+from validation.plants.searchable import make_space, searchable, with_values
+from validation.plants.table import SIMULATED
+from validation.simulator.description import Robot
+
+FIRST_FITTED = "kinematic"
+"""Plant whose fit others begin with."""
+_REACH = 0.4
+"""Greatest distance of the weight from the middle between the axles over the wheelbase [1]."""
+
+
+def weight_for_turn(robot: Robot, width: float) -> tuple[float, float]:
+    """Return where a robot's weight lies whose sides' centres of rotation are so far apart [m].
+
+    First is its distance from the middle between the axles [m], in a turn on the spot in closed
+    form: the closer to an axle, the easier a robot turns. Second is how far the body's centre of
+    rotation is then off the middle, to the same side [m]. A robot that turns less than one with its
+    weight in the middle has it there.
+    """
+
+    def turn(x: float) -> SkidTurn:
+        return turn_on_the_spot(robot.wheelbase, robot.track, x)
+
+    ends = (0.0, _REACH * robot.wheelbase)
+    widths = [2.0 / turn(x).yaw_rate for x in ends]
+    x = ends[int(width < widths[1])]
+    if widths[1] < width < widths[0]:
+        x = float(brentq(lambda x: 2.0 / turn(x).yaw_rate - width, *ends))
+    return x, -turn(x).across / turn(x).yaw_rate
+
+
+def first_points(
+    guess: str | Mapping[str, float] | None, space: ParameterSpace, before: FloatArray
+) -> FloatArray:
+    """Return the (1, n) candidate to begin with in the unit cube, within the bounds.
+
+    It has the (n,) values of `before`, and those of a `guess` by name in their place.
+    """
+    named = guess if isinstance(guess, Mapping) else {}
+    numbers = [name.partition("@")[0] for name in space.names]
+    for name in named:
+        if name not in (*space.names, *numbers):
+            raise ValueError(f"guess names {name}, which is not free")
+    values = []
+    for name, number, value in zip(space.names, numbers, before, strict=True):
+        values.append(named.get(name, named.get(number, value)))
+    return space.points(np.clip([values], space.lower, space.upper))
+
+
+def begin_at(
+    body: FitProblem, first: PlantProfile, names: Sequence[str], o: Searching
+) -> FloatArray:
+    """Return the (1, n) candidate that has what the kinematic plant `first` has too.
+
+    The plant's numbers `names`, if any, are fitted to the logs of the body's problem before. Weight
+    ahead of the middle makes the same turn as weight behind it: the candidate has that which errs
+    less.
+
+    Raises:
+        KeyboardInterrupt: that fit was interrupted.
+        SsmrError: no candidate could be driven.
+    """
+    robot = first.robot
+    found: dict[str, float] = {}
+    if names:
+        space = make_space(FIRST_FITTED, names, {}, robot)
+        problem = FitProblem(
+            FIRST_FITTED, first, space, body.sources, body.cost, tags=body.tags, held=body.held
+        )
+        alone = replace(o, out=None, resume=False, progress=silent)
+        search = search_for(problem, SETTINGS["hybrid", False], alone, problem.begun[None], STARTS)
+        if search.interrupted:
+            raise KeyboardInterrupt
+        found = dict(zip(names, space.values(search.best).tolist(), strict=True))
+        first = with_values(FIRST_FITTED, first, names, found.values())
+    p = first.parameters
+    numbers = {**found, "tracked_x": first.localiser.tracked_x - p.x_icr}
+    for number in searchable(FIRST_FITTED, robot):
+        numbers.setdefault(number.name, number.read(first))
+    # wheels of its own roll as the shares of those say
+    numbers["wheel_radius"] = 0.5 * first.vehicle.wheel_radius * (p.alpha_l + p.alpha_r)
+    numbers["radius_difference"] = first.vehicle.wheel_radius * (p.alpha_l - p.alpha_r)
+    x, icr = weight_for_turn(robot, p.y_l - p.y_r)
+    if body.model in SIMULATED:
+        x *= robot.mass / robot.base_mass  # its number is that of the base without wheels
+    before = body.space.values(body.begun)
+    points = []
+    for sign in (-1.0, 1.0):
+        start = {**numbers, "com_x": sign * x, "tracked_x": numbers["tracked_x"] + sign * icr}
+        guess = {name: start[name] for name in body.space.names if name in start}
+        points.append(first_points(guess, body.space, before))
+    costs = (body.coarser() or body).costs(np.concatenate(points), None, o.raters)
+    return points[int(np.argmin(costs))]
+
+
+def untold(problem: FitProblem, search: Search, o: Searching) -> dict[str, float]:
+    """Return a body's friction of before where a search of all its numbers found it in no log.
+
+    Its standard error is then about as large as what is known without the logs. Where torques are
+    compared, they tell it.
+    """
+    held: dict[str, float] = {}
+    if problem.torques or search.interrupted or not search.starts:
+        return held
+    with contextlib.suppress(SsmrError, np.linalg.LinAlgError):
+        sure = estimate(search.coarser or problem, search.best, o.raters, search.driven)
+        vague = sure.share >= VAGUE * ignorance(problem)
+        before = problem.space.values(problem.begun).tolist()
+        for k, name in enumerate(problem.space.names):
+            number = name.partition("@")[0]
+            if vague[k] and number == "friction" and not {name, number} & o.bounds.keys():
+                held[name] = before[k]
+    return held

@@ -406,7 +406,7 @@ PRICES = {
     "validation/identify": Price(
         28_000,
         19,
-        82,
+        84,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; "
         "the better judge of turns; "
@@ -477,7 +477,7 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        27_200,
+        27_400,
         19,
         61,
         "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "

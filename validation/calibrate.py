@@ -21,10 +21,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tyro
 
+from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import CommandKind
 from validation import cli, output
 from validation.compare import compare
-from validation.experiment.scores import HEADLINE_HORIZON
+from validation.experiment.gyro import with_gyro
+from validation.experiment.scores import HEADLINE_HORIZON, signed_windows
 from validation.experiment.sources import open_source, unknown_robot_notes
 from validation.files.abilities import FATAL, lacks
 from validation.files.faults import Faults, find_faults
@@ -172,6 +174,47 @@ def _correlations(f: Fitted) -> Table:
     return Table(f"{_label(f)}, correlations", rows, units=units, headings=headings)
 
 
+def _turns_worse(now: OverlappingErrors, was: OverlappingErrors) -> bool:
+    """Return whether headings are worse by more than chance."""
+    return now.yaw_median_rad > was.yaw_high_rad and now.yaw_low_rad > was.yaw_median_rad
+
+
+def _turn_share(kept: Comparison, plant: str) -> float:
+    """Return by which share a plant turns more than the robot."""
+    driven = with_gyro(kept.source).driven(kept.runs[plant].motions)
+    product = 0.0
+    square = 0.0
+    for path, i, j, error in signed_windows(driven, HEADLINE_HORIZON):
+        turned = path[j, 2] - path[i, 2] - error[:, 2]
+        product += float(error[:, 2] @ turned)
+        square += float(turned @ turned)
+    return product / max(square, 1e-9)
+
+
+def _turning_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
+    """Return a sentence on each plant that turns worse than the kinematic one, beyond chance.
+
+    Data that no fit has seen judge, and those of `kept` say whether it turns too much or too
+    little.
+    """
+    firsts = {f.options["input"]: f for f in fits if f.model == FIRST_FITTED}
+    notes = []
+    for f in fits:
+        scored = f.judged["after"]
+        assert scored.headline is not None
+        now = scored.overlapping[scored.headline]
+        was = firsts[f.options["input"]].judged["after"].overlapping[scored.headline]
+        if _turns_worse(now, was):
+            size = f"{now.yaw_median_rad:.3f} rad for {was.yaw_median_rad:.3f}"
+            share = _turn_share(kept, f.model)
+            notes.append(
+                f"{_label(f)}: headings are worse than those of {FIRST_FITTED} by more than chance,"
+                f" {size}. By {kept.options['input']} it turns {1.0 + share:.3f} times as much as "
+                "the robot there."
+            )
+    return notes
+
+
 def _objections(f: Fitted, way: float) -> list[str]:
     """Return why the numbers of a fit are not to be used; `way` is that of the robot in 6 s [m]."""
     before, after = f.judged.values()
@@ -181,7 +224,7 @@ def _objections(f: Fitted, way: float) -> list[str]:
     objections = [] if f.better else ["the fit is no better"]
     if now.position_median_m > was.position_high_m and now.position_low_m > was.position_median_m:
         objections.append("positions are worse, by more than chance")
-    if now.yaw_median_rad > was.yaw_high_rad and now.yaw_low_rad > was.yaw_median_rad:
+    if _turns_worse(now, was):
         objections.append("headings are worse, by more than chance")
     if now.position_median_m > _EXPLAINED * way:
         objections.append(
@@ -307,7 +350,7 @@ class Calibrated(Report):
 
     def notes(self) -> list[str]:
         """Return a verdict on each fit, the remarks, and the fits' notes."""
-        notes = [*map(_verdict, self.fits), *self.remarks]
+        notes = [*map(_verdict, self.fits), *_turning_notes(self.fits, self.kept), *self.remarks]
         # the first note of a fit that is no better says so, and the verdict does too
         notes += said_once({_label(f): f.notes()[not f.better :] for f in self.fits})
         return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
@@ -457,6 +500,8 @@ def _fits(
         if plant_kind(plant).torques:
             # its run is dear, and the kinematic fit knows where to begin
             settings["search"] = "lsq"
+            if "free" in settings:
+                settings["guess"] = {p.name: p.value for p in fits[1].parameters}
         options = Fit(
             plant,
             o.names,

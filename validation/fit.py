@@ -459,17 +459,17 @@ def run_fit(
         held_out = [with_torques(source, chassis, constant, loss) for source in held_out]
     problem = FitProblem(o.model, begun, space, sources, cost, tags=tags, held=held)
     require_possible(problem, o.bounds)
-    begins = kind.torques and occasion != "scenario" and o.guess is None
+    # numbers that the user chooses begin where the profile has them
+    begins = kind.torques and occasion != "scenario" and o.guess is None and o.free is None
     if begins:
-        firsts = plant_kind(FIRST_FITTED).free[occasion] if o.free is None else ()
-        first = base.section(FIRST_FITTED)
-        start = begin_at(problem, first, _searched(o, firsts, tags), o)
+        names = _searched(o, plant_kind(FIRST_FITTED).free[occasion], tags)
+        start = begin_at(problem, base.section(FIRST_FITTED), names, o)
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     settings = o.settings(JAGGED if jagged else SETTINGS[o.search, simulated])
     search = search_for(problem, settings, o, start, STARTS_OF[o.search])
-    if begins and o.free is None and (friction := untold(problem, search, o)):
+    if begins and (friction := untold(problem, search, o)):
         return _held(o, friction, space, search.best, spans, warn)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))

@@ -167,7 +167,7 @@ def signed_windows(
     """Return predictions over windows of a horizon [s] and their errors, piece by piece.
 
     An error is the plant's motion less the recorded one, x, y [m] in the frame of the start, and
-    yaw [rad]. Pieces without windows are left out.
+    yaw [rad], for which a better judge of a piece counts. Pieces without windows are left out.
     """
     signed = []
     for piece, motion in driven:
@@ -179,6 +179,8 @@ def signed_windows(
         p = motion.pose
         q = piece.reference.pose
         error = relative(p[i], p[j]) - relative(q[i], q[j])
+        if piece.headings is not None:
+            error[:, 2] = p[j, 2] - p[i, 2] - (piece.headings[j] - piece.headings[i])
         error[:, 2] = wrap_angle(error[:, 2])
         signed.append((p, i, j, error))
     return signed

@@ -10,6 +10,7 @@ import numpy as np
 
 from ssmr.geometry import compose, relative
 from ssmr.types import FloatArray, Trajectory
+from validation.experiment.gyro import with_gyro
 from validation.experiment.sources import Piece, Source
 from validation.identify.judging import motions_of, plant_on
 from validation.identify.objective import FitCost, true_motion
@@ -68,7 +69,7 @@ def adapted_along(
     space = make_space(model, plant_kind(model).free[occasion], {}, base.robot)
     usual = {p.name: USUAL_SPREAD * (p.upper - p.lower) for p in space.parameters}
     base = replace(base, spread={**usual, **base.spread})
-    problem = FitProblem(model, base, space, [source], FitCost())
+    problem = FitProblem(model, base, space, [with_gyro(source)], FitCost())
     ends = np.concatenate([rater.ends for rater, _ in problem.days[0].raters])
     truths = [true_motion(piece) for piece in source.pieces]
     first = float(truths[0].t[0])

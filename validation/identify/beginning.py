@@ -24,7 +24,7 @@ from validation.identify.search import SETTINGS, Search, Searching, search_for
 from validation.identify.uncertainty import VAGUE, estimate, ignorance
 from validation.output import silent
 from validation.plants.kind import PlantProfile
-from validation.plants.searchable import make_space, searchable, with_values
+from validation.plants.searchable import make_space, with_values
 from validation.plants.table import SIMULATED
 from validation.simulator.description import Robot
 
@@ -47,10 +47,9 @@ def weight_for_turn(robot: Robot, width: float) -> tuple[float, float]:
         return turn_on_the_spot(robot.wheelbase, robot.track, x)
 
     ends = (0.0, _REACH * robot.wheelbase)
-    widths = [2.0 / turn(x).yaw_rate for x in ends]
-    x = ends[int(width < widths[1])]
-    if widths[1] < width < widths[0]:
-        x = float(brentq(lambda x: 2.0 / turn(x).yaw_rate - width, *ends))
+    most, least = (2.0 / turn(x).yaw_rate for x in ends)
+    within = min(max(width, least), most)
+    x = float(brentq(lambda x: 2.0 / turn(x).yaw_rate - within, *ends))
     return x, -turn(x).across / turn(x).yaw_rate
 
 
@@ -75,33 +74,27 @@ def first_points(
 def begin_at(
     body: FitProblem, first: PlantProfile, names: Sequence[str], o: Searching
 ) -> FloatArray:
-    """Return the (1, n) candidate that has what the kinematic plant `first` has too.
+    """Return the (1, n) candidate that has what the kinematic plant `first` finds in the logs.
 
-    The plant's numbers `names`, if any, are fitted to the logs of the body's problem before. Weight
-    ahead of the middle makes the same turn as weight behind it: the candidate has that which errs
-    less.
+    The plant's numbers `names` are fitted to the logs of the body's problem. Weight ahead of the
+    middle makes the same turn as weight behind it: the candidate has that which errs less.
 
     Raises:
         KeyboardInterrupt: that fit was interrupted.
         SsmrError: no candidate could be driven.
     """
     robot = first.robot
-    found: dict[str, float] = {}
-    if names:
-        space = make_space(FIRST_FITTED, names, {}, robot)
-        problem = FitProblem(
-            FIRST_FITTED, first, space, body.sources, body.cost, tags=body.tags, held=body.held
-        )
-        alone = replace(o, out=None, resume=False, progress=silent)
-        search = search_for(problem, SETTINGS["hybrid", False], alone, problem.begun[None], STARTS)
-        if search.interrupted:
-            raise KeyboardInterrupt
-        found = dict(zip(names, space.values(search.best).tolist(), strict=True))
-        first = with_values(FIRST_FITTED, first, names, found.values())
+    space = make_space(FIRST_FITTED, names, {}, robot)
+    problem = FitProblem(
+        FIRST_FITTED, first, space, body.sources, body.cost, tags=body.tags, held=body.held
+    )
+    alone = replace(o, out=None, resume=False, progress=silent)
+    search = search_for(problem, SETTINGS["hybrid", False], alone, problem.begun[None], STARTS)
+    if search.interrupted:
+        raise KeyboardInterrupt
+    numbers = dict(zip(names, space.values(search.best).tolist(), strict=True))
+    first = with_values(FIRST_FITTED, first, names, numbers.values())
     p = first.parameters
-    numbers = {**found, "tracked_x": first.localiser.tracked_x - p.x_icr}
-    for number in searchable(FIRST_FITTED, robot):
-        numbers.setdefault(number.name, number.read(first))
     # wheels of its own roll as the shares of those say
     numbers["wheel_radius"] = 0.5 * first.vehicle.wheel_radius * (p.alpha_l + p.alpha_r)
     numbers["radius_difference"] = first.vehicle.wheel_radius * (p.alpha_l - p.alpha_r)
@@ -111,7 +104,8 @@ def begin_at(
     before = body.space.values(body.begun)
     points = []
     for sign in (-1.0, 1.0):
-        start = {**numbers, "com_x": sign * x, "tracked_x": numbers["tracked_x"] + sign * icr}
+        tracked = first.localiser.tracked_x - p.x_icr + sign * icr
+        start = {**numbers, "com_x": sign * x, "tracked_x": tracked}
         guess = {name: start[name] for name in body.space.names if name in start}
         points.append(first_points(guess, body.space, before))
     costs = (body.coarser() or body).costs(np.concatenate(points), None, o.raters)
@@ -121,11 +115,10 @@ def begin_at(
 def untold(problem: FitProblem, search: Search, o: Searching) -> dict[str, float]:
     """Return a body's friction of before where a search of all its numbers found it in no log.
 
-    Its standard error is then about as large as what is known without the logs. Where torques are
-    compared, they tell it.
+    Its standard error is then about as large as what is known without the logs.
     """
     held: dict[str, float] = {}
-    if problem.torques or search.interrupted or not search.starts:
+    if search.interrupted or not search.starts:
         return held
     with contextlib.suppress(SsmrError, np.linalg.LinAlgError):
         sure = estimate(search.coarser or problem, search.best, o.raters, search.driven)

@@ -132,7 +132,7 @@ def open_sources(
         if within := fitted.get(realpath(log)):
             source = _outside(log, kind, spans[within], options)
         else:
-            source = open_source(log, kind, options=options)
+            source = with_gyro(open_source(log, kind, options=options))
         judged.append(truth_of(source, name))
     return train, judged
 
@@ -140,15 +140,17 @@ def open_sources(
 def _outside(name: str, kind: CommandKind, span: Span, options: ReadOptions) -> Source:
     """Return the parts of a recording outside a span as one source."""
     spans: list[Span] = [(None, span[0]), (span[1], None)]
-    parts = [open_source(name, kind, *s, options) for s in spans if s != (None, None)]
+    cuts = [s for s in spans if s != (None, None)]
+    parts = [with_gyro(open_source(name, kind, *s, options)) for s in cuts]
     if not parts:
         raise ValueError(
             f"{name} is fitted to as a whole; without since or until nothing of it is held out"
         )
     pieces = tuple(chain(*(part.pieces for part in parts)))
     warnings = tuple(chain(*(part.warnings for part in parts)))
+    remarks = tuple(chain(*(part.remarks for part in parts)))
     title = " and ".join(part.title for part in parts)
-    return replace(parts[0], pieces=pieces, warnings=warnings, title=title)
+    return replace(parts[0], pieces=pieces, warnings=warnings, remarks=remarks, title=title)
 
 
 def _truth(profile: Profile) -> Callable[[Source, str], Source]:

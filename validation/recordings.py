@@ -147,7 +147,10 @@ class LogReport(Report):
         notes = [*self.log.remarks, *_sentences(self.log, self.rest)]
         notes += [*self.faults.sentences(named=False), *lacks(self.log)]
         notes.append(_next_step(self.asked, self.log, self.faults))
-        return [*notes, _uses(good_for(self.log, self.faults.named), self.offsets)]
+        uses = _uses(good_for(self.log, self.faults.named), self.offsets)
+        if "yes" in uses and any(fault not in self.log.faults for fault in self.faults.named):
+            uses += "; correct the faults first"
+        return [*notes, uses]
 
     def document(self) -> dict[str, Any]:
         """Return the findings as the JSON file has them."""
@@ -356,7 +359,9 @@ def _uses(good: Mapping[str, bool], offsets: Sequence[Offset]) -> str:
     """Return the signals for which a log is good enough, and how late the robot follows."""
     words = {name: f"{name} {'yes' if good[name] else 'no'}" for name in _USES}
     for o in offsets:
-        if o.late == "cmd" and good["commands"]:
+        if o.late == "cmd" and good["commands"] and o.seconds > 0.0:
+            words["commands"] += f" (stamped {o.seconds:.2f} s after the robot obeyed)"
+        elif o.late == "cmd" and good["commands"]:
             words["commands"] += f" (the robot follows {-o.seconds:.2f} s later)"
     return f"good enough for: {', '.join(words.values())}"
 

@@ -357,6 +357,8 @@ def _words(
     gears = sorted({float(f"{max(factor, 1.0 / factor):.1g}") for factor in factors})
     gear = " to ".join(f"{gear:g}" for gear in gears)
     wheel = f"wheels of another radius than {radius or _RADIUS:.3g} m"
+    if ways:
+        wheel += f" (cured by a wheel_radius_multiplier of {1.0 / factor:.3g})"
     return f"{words}: ticks, a gear of about {gear}, or {wheel}?"
 
 

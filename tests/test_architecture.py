@@ -477,7 +477,7 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        27_400,
+        27_500,
         19,
         61,
         "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "

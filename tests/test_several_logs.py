@@ -142,6 +142,16 @@ def test_four_days_tell_how_much_a_body_differs_from_day_to_day(
     errors = {p.name: p.standard_error for p in found.parameters}
     # the mean of four days is as sure as days are alike
     assert errors["y_l"] > 0.015
+    # a band of days left out holds a day between them, which one day's band does not
+    new = drive(tmp_path, "new", {**BODY, **DAYS[1], "y_l": 0.51}, 8)
+    options: dict[str, Any] = {"plants": ("kinematic",), "input": "wheels", "bands": True}
+    alone = fit("kinematic", logs[0], profile=BARE, input="wheels")
+    shares = []
+    for profile in (found.profile, alone.profile):
+        held = compare(new, profile, **options).scores["kinematic"].held
+        shares.append([share for parts in held.values() for share, _ in parts.values()])
+    assert min(shares[0]) > 0.9
+    assert max(shares[1]) < 0.7
 
 
 def test_names_of_logs_and_grounds(tmp_path: Path) -> None:

@@ -111,7 +111,7 @@ def recover(seed: int, way: Way, torque_weight: float | None = None, workers: in
     values = zip(space.names, space.values(search.best).tolist(), strict=True)
     errors = dict(zip(space.names, sure.standard_error.tolist(), strict=True))
     off = {name: value - truth[name] for name, value in values}
-    notes = sentences(problem, sure)
+    notes = sentences(problem, sure, search.best)
     return Recovered(off, errors, search.wall_s, search.evaluations, notes)
 
 

@@ -6,8 +6,9 @@ prior.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -40,8 +41,17 @@ SECONDS = 80.0
 BARE = bare_profile(load_robot("husky"))
 
 
-def drive(folder: Path, name: str, numbers: dict[str, float], seed: int) -> Path:
-    """Write a log of a robot with these numbers, with 5 mm and 3 mrad of noise on its poses."""
+def drive(
+    folder: Path,
+    name: str,
+    numbers: dict[str, float],
+    seed: int,
+    kind: Literal["wheels", "twist"] = "wheels",
+) -> Path:
+    """Write a log of a robot with these numbers, with 5 mm and 3 mrad of noise on its poses.
+
+    It is driven by wheel rates or by commands.
+    """
     true = with_values("kinematic", BARE.plants["kinematic"], list(numbers), numbers.values())
     rng = np.random.default_rng(seed)
     t = 0.01 * np.arange(round(SECONDS / 0.01))
@@ -51,15 +61,18 @@ def drive(folder: Path, name: str, numbers: dict[str, float], seed: int) -> Path
     def rates(at: FloatArray) -> FloatArray:
         """Return (M, 2) wheel rates, slow enough for lines between samples [rad/s]."""
         v, w = np.sin(at[:, None, None] * periods + phases).sum(axis=2).T
+        if kind == "twist":
+            return np.column_stack([0.1 + 0.1 * v, 0.2 * w])
         return np.column_stack([0.6 + v - w, 0.6 + v + w])
 
-    driven = Commands(0.01, rates(t + 0.005), "wheels")
+    driven = Commands(0.01, rates(t + 0.005), kind)
     motion = PlanarPlant(model_of(true)).run(driven, State(), 0.01)
     t = t[::5]
     pose = true.localiser.logged_poses(motion.pose, 0.01, t)
     pose = pose + rng.normal(0.0, (0.005, 0.005, 0.003), pose.shape)
     left, right = rates(t).T
-    columns = {"t": t, "enc_left": left, "enc_right": right}
+    names = ("enc_left", "enc_right") if kind == "wheels" else ("cmd_v", "cmd_w")
+    columns = {"t": t, names[0]: left, names[1]: right}
     columns |= dict(zip(("x", "y", "yaw"), pose.T, strict=True))
     write_csv(Log.of_columns(name, columns), folder / f"{name}.csv")
     return folder / f"{name}.csv"
@@ -152,6 +165,24 @@ def test_four_days_tell_how_much_a_body_differs_from_day_to_day(
         shares.append([share for parts in held.values() for share, _ in parts.values()])
     assert min(shares[0]) > 0.9
     assert max(shares[1]) < 0.7
+
+
+def test_a_delay_and_latenesses_are_known_as_sums_alone(tmp_path: Path) -> None:
+    """A robot that answers later, and a localiser that is as much earlier, make one log."""
+    true = {**BODY, **DAYS[0], "delay": 0.08, "acceleration_v": 2.0, "wheel_lag": 0.05}
+    path = drive(tmp_path, "commanded", true, 5, "twist")
+    fitted = fit("kinematic", path, profile=BARE, input="commands", search="lsq")
+    found = {p.name: p for p in fitted.parameters}
+    for name in ("delay", "position_late", "yaw_late"):
+        assert found[name].standard_error is not None
+        assert found[name].standard_error > 0.1
+        assert abs(found[name].value - true[name]) < 2.0 * found[name].standard_error
+    (note,) = [each for each in fitted.remarks if each.startswith("Delays are known together")]
+    sums = re.findall(r"delay \+ wheel_lag \+ (\w+) = ([\d.]+) ± ([\d.]+) s", note)
+    assert [name for name, _, _ in sums] == ["position_late", "yaw_late"]
+    for name, value, error in sums:
+        off = float(value) - true["delay"] - true["wheel_lag"] - true[name]
+        assert abs(off) < 3.0 * float(error) < 0.06
 
 
 def test_names_of_logs_and_grounds(tmp_path: Path) -> None:

@@ -524,7 +524,7 @@ def _report(
     if not search.interrupted:
         try:
             sure = estimate(search.coarser or problem, point, o.raters, search.driven)
-            notes += sentences(problem, sure)
+            notes += sentences(problem, sure, point)
             notes.append(f"Standard errors come from: {sure.method}.")
             # the mean localiser of several logs is that of those which tell it best
             sound = np.isfinite(sure.share) & (sure.share > 0.0)

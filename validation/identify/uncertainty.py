@@ -15,9 +15,9 @@ own errors (R. Paule and J. Mandel 1982).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 from scipy.optimize import brentq
@@ -26,7 +26,7 @@ from scipy.special import stdtrit
 from ssmr.metrics.bands import QUARTERS
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, IndexArray
-from validation.identify.problem import IGNORANCE, NORMAL, FitProblem
+from validation.identify.problem import FROM_FILE, IGNORANCE, NORMAL, FitProblem
 from validation.identify.refine import (
     NEAR_BOUND,
     Remembered,
@@ -44,6 +44,12 @@ profile's prior, says that the data hardly determine the parameter."""
 # both are less than a share of the bounds' width
 _ENTANGLED = 0.95
 _WORTH_TELLING = 0.01
+# error of a sum of delays over the largest of theirs below which only the sum is told: that of two
+# with a correlation of -0.9
+_TOGETHER = 0.45
+_SHIFT = {"delay": 1.0, "position_late": -1.0, "yaw_late": -1.0}
+"""Delays that may change together without any change in a log: a robot that answers later, and a
+localiser that is as much earlier."""
 _WELL_KNOWN = 0.04  # share of its bounds' width to which a motion alone may determine the friction
 FEWEST_DAYS = 4
 """Fewest logs that tell how much a robot's body differs from day to day."""
@@ -118,7 +124,8 @@ def estimate(
         )
     # a search that was stopped is off by the rest of its way
     rest = _still_to_go(point, with_prior, all_slopes, problem)
-    covariance += np.outer(rest, rest)
+    for off in (rest, _shift(point, problem)):
+        covariance += np.outer(off, off)
     spread: dict[str, float] = {}
     if problem.robust:
         spread = _spread(point, errors, slopes, covariance, problem)
@@ -148,6 +155,20 @@ def estimate(
 def ignorance(problem: FitProblem) -> FloatArray:
     """Return the (n,) standard deviations of numbers without any data, in the unit cube."""
     return np.minimum(IGNORANCE, problem.spread)
+
+
+def _shift(point: FloatArray, problem: FitProblem) -> FloatArray:
+    """Return how far `_SHIFT` may be, as (n,) deviations in the unit cube.
+
+    The driver reads commands at instants of its own, so the cost has a valley each 0.05 s along it:
+    derivatives see one of these, and only what is known without the log tells them apart.
+    """
+    names = [name.partition("@")[0] for name in problem.space.names]
+    if not set(_SHIFT) <= set(names):
+        return np.zeros(len(point))
+    second = np.array([_SHIFT.get(name, 0.0) for name in names]) / problem.space.slopes(point)
+    known = np.where(problem.spread == FROM_FILE, IGNORANCE, ignorance(problem))
+    return second / float(np.linalg.norm(second / known))
 
 
 def _in_units(
@@ -356,10 +377,33 @@ def _jackknife(
     return (axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T
 
 
-def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:
+def _sums(
+    space: ParameterSpace, uncertainty: Uncertainty, point: FloatArray
+) -> Iterator[tuple[tuple[int, ...], str]]:
+    """Yield the numbers whose sum is known much better than each, and the sum with its error.
+
+    A driver's dead time and lag and the lateness of a localiser all make a log later.
+    """
+    values = space.values(point)
+    numbers = [name.partition("@")[0] for name in space.names]
+    driver = [k for k, number in enumerate(numbers) if number in ("delay", "wheel_lag")]
+    late = [[k] for k, number in enumerate(numbers) if number in ("position_late", "yaw_late")]
+    for own in late or [[]]:
+        group = [*driver, *own]
+        errors = uncertainty.standard_error[group]
+        correlation = uncertainty.correlation[np.ix_(group, group)]
+        error = math.sqrt(abs(float(errors @ correlation @ errors)))
+        if len(group) > 1 and error < _TOGETHER * errors.max():
+            total = " + ".join(space.names[k] for k in group)
+            yield tuple(group), f"{total} = {values[group].sum():.3f} ± {error:.3f} s"
+
+
+def sentences(problem: FitProblem, uncertainty: Uncertainty, point: FloatArray) -> list[str]:
     """Return sentences on the parameters that the data leave open or confuse, and on the prior."""
     out = []
     names = problem.space.names
+    sums = dict(_sums(problem.space, uncertainty, point))
+    together = set(chain(*sums))
     share = uncertainty.share
     touched = set[str]()
     advice = "it is little more than a guess" if problem.robust else "use --fix"
@@ -372,11 +416,20 @@ def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:
             )
     for i, j in combinations(range(len(names)), 2):
         r = float(uncertainty.correlation[i, j])
+        if {i, j} <= together:
+            continue
         if abs(r) > _ENTANGLED and max(share[i], share[j]) > _WORTH_TELLING:
             touched |= {names[i], names[j]}
             out.append(
                 f"The data cannot tell {names[i]} and {names[j]} apart (correlation {r:+.2f})."
             )
+    if sums:
+        known = ", ".join(sums.values())
+        hold = f"hold of {problem.base.drive.hold:g} s"
+        out.append(
+            f"Delays are known together only, their parts are not: {known}. Half of the assumed "
+            f"{hold} is in each sum."
+        )
     if plant_kind(problem.model).torques and not problem.torques and "friction" in names:
         k = names.index("friction")
         if share[k] > _WELL_KNOWN or "friction" in touched:

@@ -103,21 +103,22 @@ def test_what_is_mirrored_is_as_sure() -> None:
 
 def logs(
     band: Band, n: int, seed: int
-) -> dict[float, list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]]:
+) -> list[tuple[float, FloatArray, IndexArray, IndexArray, FloatArray]]:
     """Return windows of 2, 6 and 30 s of a log with errors of a band.
 
     Their lasting causes change twice a minute.
     """
     rng = np.random.default_rng(seed)
-    windows = {2.0: [], 6.0: [], 30.0: []}
+    windows = []
     for k in range(n):
         steps = path(310, 100 * seed + k)
         predicted = driven(steps)
         true = disturbed(steps, band, rng)[0]
-        for seconds, pieces in windows.items():
+        for seconds in (2.0, 6.0, 30.0):
             size = round(seconds / DT)
             i = np.arange(0, len(predicted) - size, 10)
-            pieces.append((predicted, i, i + size, errors(predicted, true, i, i + size)))
+            error = errors(predicted, true, i, i + size)
+            windows.append((seconds, predicted, i, i + size, error))
     return windows
 
 
@@ -131,9 +132,9 @@ def test_a_band_is_found_again_and_holds_more_than_nine_tenths_where_nothing_cha
     assert measured is not None
     for name in ("position_noise", "yaw_noise", "way_walk", "turn_walk", "turn_scale"):
         assert getattr(measured, name) == pytest.approx(getattr(TRUE, name), rel=0.3), name
-    fresh = [window for pieces in logs(TRUE, 60, 2).values() for window in pieces]
-    position, yaw = np.concatenate([measured.edges(*window) for window in fresh], axis=1)
-    error = np.concatenate([window[3] for window in fresh])
+    fresh = logs(TRUE, 60, 2)
+    position, yaw = np.concatenate([measured.edges(*window[1:]) for window in fresh], axis=1)
+    error = np.concatenate([window[4] for window in fresh])
     # nothing changes from this log to the next, and bands are for what does
     assert 0.92 < np.mean(np.hypot(error[:, 0], error[:, 1]) <= position) < 0.99
     assert 0.92 < np.mean(np.abs(error[:, 2]) <= yaw) < 0.99
@@ -163,8 +164,7 @@ def test_the_score_is_least_for_a_band_that_holds_nine_tenths() -> None:
 
 def test_windows_that_are_there_twice_change_little() -> None:
     once = logs(TRUE, 20, 3)
-    twice = {seconds: [*pieces, *pieces] for seconds, pieces in once.items()}
-    bands = [estimated_band(windows) for windows in (once, twice)]
+    bands = [estimated_band(windows) for windows in (once, [*once, *once])]
     assert astuple(bands[1] or NOTHING) == pytest.approx(
         astuple(bands[0] or NOTHING), rel=0.25, abs=1e-3
     )
@@ -185,17 +185,14 @@ def test_four_parts_with_lasting_errors_of_their_own_hold_nine_tenths_of_the_nex
         others = (gains[:4].sum() - gains[:4]) / 3.0
         off = [*(gains[:4] - others), gains[4] - gains[:4].mean()]
         true = [driven(steps * [1.0, 1.0 + each]) for each in off]
-        windows = [(predicted, i, i + 300, errors(predicted, each, i, i + 300)) for each in true]
-        band = estimated_band({30.0: windows[:4]})
+        found = [errors(predicted, each, i, i + 300) for each in true]
+        windows = [(30.0, predicted, i, i + 300, error) for error in found]
+        band = estimated_band(windows[:4])
         assert band is not None
-        inside.append(float(np.mean(np.abs(windows[4][3][:, 2]) <= band.edges(*windows[4])[1])))
+        inside.append(float(np.mean(np.abs(found[4][:, 2]) <= band.edges(*windows[4][1:])[1])))
     assert 0.84 < np.mean(inside) < 0.96
 
 
 def test_too_few_windows_have_no_band() -> None:
-    assert (
-        estimated_band(
-            {2.0: [(np.zeros((9, 3)), np.arange(3), np.arange(3) + 5, np.zeros((3, 3)))]}
-        )
-        is None
-    )
+    few = (2.0, np.zeros((9, 3)), np.arange(3), np.arange(3) + 5, np.zeros((3, 3)))
+    assert estimated_band([few]) is None

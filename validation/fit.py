@@ -529,7 +529,7 @@ def _report(
             # the mean localiser of several logs is that of those which tell it best
             sound = np.isfinite(sure.share) & (sure.share > 0.0)
             problem.weights = np.where(sound, sure.share, IGNORANCE) ** -2.0
-            if band := left_out_band(problem, sure, point):
+            if problem.robust and (band := left_out_band(problem, sure, point)):
                 bands[o.input] = band
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")

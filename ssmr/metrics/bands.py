@@ -15,7 +15,7 @@ for its width, and one that is too narrow for what lies outside.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import Any
 
@@ -83,8 +83,9 @@ class Band:
         Returns:
             (W, 2, 2) covariance of the position at the end, in the frame of the start [m²].
         """
-        xx, yy, _, xy = _growth(pose, starts, ends) @ np.square(astuple(self)[:_CAUSES])
-        return np.stack([xx, xy, xy, yy], -1).reshape(-1, 2, 2)
+        trace, square, _ = _growth(pose, starts, ends) @ np.square(astuple(self)[:_CAUSES])
+        rows = [trace.real + square.real, square.imag, square.imag, trace.real - square.real]
+        return 0.5 * np.stack(rows, -1).reshape(-1, 2, 2)
 
     def edges(
         self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike, error: ArrayLike
@@ -117,12 +118,12 @@ def interval_score(error: ArrayLike, edge: ArrayLike) -> float:
 _CAUSES = len(fields(Band)) - 2
 
 
-def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
-    """Return (4, W, causes) variances over a window by a unit variance of each cause.
+def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> Any:
+    """Return (3, W, causes) complex variances over a window by a unit variance of each cause.
 
-    These are xx, yy, that of the heading, and xy. Integrals over a window of levers p - p(s) and of
-    their products, p its end, come from running sums over the whole path. A vector is a complex
-    number w: products have the trace |w|^2, and w^2 = xx - yy + 2i xy.
+    These are xx + yy, xx - yy + 2i xy, and that of the heading: |w|^2 and w^2, where a vector is a
+    complex number w. Integrals over a window of levers p - p(s) and of their products, p its end,
+    come from running sums over the whole path.
     """
     path = frozen_array(pose, "pose", (None, 3))
     i = np.asarray(starts, dtype=np.intp)
@@ -157,22 +158,21 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
         (trace, products, total),
         (np.abs(lever) ** 2, lever**2, turned**2),
     ]
-    traces, squares, yaw = np.moveaxis(np.array(causes), 0, -1)
-    xx = 0.5 * (traces + squares).real
-    yy = 0.5 * (traces - squares).real
-    return np.stack([xx, yy, yaw.real, 0.5 * squares.imag])
+    return np.moveaxis(np.array(causes), 0, -1)
 
 
 def _deviations(
-    growth: FloatArray, variances: FloatArray, error: FloatArray
+    growth: Any, variances: FloatArray, error: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (W,) standard deviations of position in the direction of errors, and of heading."""
-    xx, yy, turned, xy = growth @ variances
-    x, y, _ = error.T
-    x = np.where((x == 0.0) & (y == 0.0), 1.0, x)  # no error has any direction
-    determinant = xx * yy - xy * xy
-    squares = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant
-    return np.hypot(x, y) / np.sqrt(squares), np.sqrt(turned)
+    """Return (W,) standard deviations of position in the direction of errors, and of heading.
+
+    Along a unit vector u the edge of an ellipse S is at (u' S^-1 u)^-1/2.
+    """
+    trace, square, yaw = growth @ variances
+    direction = np.arctan2(error[:, 1], error[:, 0])
+    along = trace.real - (square * np.exp(-2j * direction)).real
+    four_determinants = trace.real**2 - np.abs(square) ** 2
+    return np.sqrt(0.5 * four_determinants / along), np.sqrt(yaw.real)
 
 
 _LEAST = 1e-8
@@ -180,7 +180,7 @@ _LEAST = 1e-8
 band too."""
 
 
-def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> FloatArray:
+def _variances(growth: Any, error: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the (causes,) variances that explain squares of errors best.
 
     Each square is weighted by its own expectation, and each of the windows counts as much as its
@@ -188,7 +188,8 @@ def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> Flo
     """
     from scipy.optimize import nnls  # here: it takes long to import, and few programs need it
 
-    design = growth[:3].reshape(-1, _CAUSES) * _PRIOR**2
+    trace, square, yaw = growth * _PRIOR**2
+    design = np.concatenate([0.5 * (trace + square), 0.5 * (trace - square), yaw]).real
     squares = np.square(error.T).ravel()
     root = np.tile(np.sqrt(weight), 3)
     firm = math.sqrt(_PRIOR_SQUARES)
@@ -204,7 +205,7 @@ def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> Flo
 
 
 def estimated_band(
-    windows: Mapping[float, Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]],
+    windows: Sequence[tuple[float, FloatArray, IndexArray, IndexArray, FloatArray]],
 ) -> Band | None:
     """Return a plant's band from its errors over windows on ground that its numbers never saw.
 
@@ -213,20 +214,19 @@ def estimated_band(
     lengths have the same weight, and is greater by `_NEW_GROUND`.
 
     Args:
-        windows: for each length [s] and each gap-free piece: its (M, 3) predicted path, (W,) starts
-            and ends, and (W, 3) errors x, y [m] in the frame of the start and yaw [rad], predicted
-            less true.
+        windows: length [s], (M, 3) predicted path, (W,) starts and ends, and (W, 3) errors x, y [m]
+            in the frame of the start and yaw [rad], predicted less true; for each length and each
+            gap-free piece.
     """
-    pieces = [piece for length in windows.values() for piece in length]
-    counts = [sum(len(starts) for _, starts, _, _ in length) for length in windows.values()]
-    if sum(counts) < _FEWEST_WINDOWS:
+    if sum(len(starts) for _, _, starts, _, _ in windows) < _FEWEST_WINDOWS:
         return None
-    growth = np.concatenate([_growth(pose, i, j) for pose, i, j, _ in pieces], axis=1)
-    error = np.concatenate([e for *_, e in pieces])
-    overlaps = np.maximum(list(windows), 1.0)
-    variances = _variances(growth, error, 1.0 / np.repeat(overlaps, counts))
+    growth = np.concatenate([_growth(pose, i, j) for _, pose, i, j, _ in windows], axis=1)
+    error = np.concatenate([e for *_, e in windows])
+    length = np.concatenate([np.full(len(e), h) for h, *_, e in windows])
+    variances = _variances(growth, error, 1.0 / np.maximum(length, 1.0))
     edges = _deviations(growth, variances, error)
     sizes = [np.hypot(error[:, 0], error[:, 1]) / edges[0], np.abs(error[:, 2]) / edges[1]]
-    weights = 1.0 / np.repeat(counts, counts)
+    _, member, counts = np.unique(length, return_inverse=True, return_counts=True)
+    weights = 1.0 / counts[member]
     reach = np.quantile(sizes, SHARE, axis=1, weights=weights, method="inverted_cdf")
     return Band(*np.sqrt(variances).tolist(), *(_NEW_GROUND * reach).tolist())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -193,21 +194,18 @@ def band_of(parts: Sequence[Driven], by_log: bool = False) -> Band | None:
     were found without their first, second, ... part of time; or if `by_log`, each log as a plant
     drives it whose numbers the others gave.
     """
-    windows = {}
-    for horizon in BAND_HORIZONS:
-        unseen = []
-        for k, driven in enumerate(parts):
-            steps = signed_windows(driven, horizon)
-            total = sum(len(starts) for _, starts, _, _ in steps)
-            first = 0
-            for path, starts, ends, error in steps:
-                # the part of time that each window lies in
-                place = np.arange(first, first + len(starts)) * len(parts) // total
-                first += len(starts)
-                inside = (place == k) | by_log
-                unseen.append((path, starts[inside], ends[inside], error[inside]))
-        windows[horizon] = unseen
-    return estimated_band(windows)
+    unseen = []
+    for horizon, (k, driven) in product(BAND_HORIZONS, enumerate(parts)):
+        steps = signed_windows(driven, horizon)
+        total = sum(len(starts) for _, starts, _, _ in steps)
+        first = 0
+        for path, starts, ends, error in steps:
+            # the part of time that each window lies in
+            place = np.arange(first, first + len(starts)) * len(parts) // total
+            first += len(starts)
+            inside = (place == k) | by_log
+            unseen.append((horizon, path, starts[inside], ends[inside], error[inside]))
+    return estimated_band(unseen)
 
 
 def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:

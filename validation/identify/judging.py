@@ -12,7 +12,7 @@ from ssmr.metrics.bands import Band
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation.experiment.runs import drive_source
 from validation.experiment.scores import Scores, band_of
-from validation.experiment.sources import RECORDING, Piece, Source
+from validation.experiment.sources import Piece, Source
 from validation.identify.problem import FitProblem
 from validation.identify.targets import score_pieces
 from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty
@@ -105,7 +105,7 @@ def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> B
         driven = list[tuple[Piece, Trajectory]]()
         for source in problem.sources:
             tags = problem.tags[source.name]
-            if source.reference != RECORDING or (by_log and tags != problem.days[k].tags):
+            if by_log and tags != problem.days[k].tags:
                 continue
             plant = _from_others(problem, k, point) if by_log else problem.candidate(point, tags)
             plant = plant or plant_on(problem, best, source)

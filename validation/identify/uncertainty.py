@@ -15,9 +15,9 @@ own errors (R. Paule and J. Mandel 1982).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain, combinations
+from itertools import combinations
 
 import numpy as np
 from scipy.optimize import brentq
@@ -26,7 +26,7 @@ from scipy.special import stdtrit
 from ssmr.metrics.bands import QUARTERS
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, IndexArray
-from validation.identify.problem import FROM_FILE, IGNORANCE, NORMAL, FitProblem
+from validation.identify.problem import IGNORANCE, NORMAL, FitProblem
 from validation.identify.refine import (
     NEAR_BOUND,
     Remembered,
@@ -128,12 +128,7 @@ def estimate(
         covariance += np.outer(off, off)
     spread: dict[str, float] = {}
     if problem.robust:
-        spread = _spread(point, errors, slopes, covariance, problem)
-    days = len(problem.days)
-    for name, size in spread.items():
-        if days >= FEWEST_DAYS and name in problem.space.names:
-            k = problem.space.names.index(name)
-            covariance[k, k] += size**2 / days
+        covariance, spread = _with_days(point, errors, slopes, covariance, problem)
     share = np.sqrt(np.diag(covariance))
     scale = np.where(share > 0.0, np.outer(share, share), 1.0)
     correlation = np.where(np.isfinite(covariance), covariance / scale, 0.0)
@@ -148,7 +143,7 @@ def estimate(
         f"derivatives of least squares and the scatter of {blocks} blocks of time, "
         "limited by the bounds",
         without=_without(point, with_prior, all_slopes, problem),
-        spread=_in_units(spread, point, share, problem.space),
+        spread=spread,
     )
 
 
@@ -161,28 +156,13 @@ def _shift(point: FloatArray, problem: FitProblem) -> FloatArray:
     """Return how far `_SHIFT` may be, as (n,) deviations in the unit cube.
 
     The driver reads commands at instants of its own, so the cost has a valley each 0.05 s along it:
-    derivatives see one of these, and only what is known without the log tells them apart.
+    derivatives see one of these, and nothing but the bounds tells them apart.
     """
     names = [name.partition("@")[0] for name in problem.space.names]
     if not set(_SHIFT) <= set(names):
         return np.zeros(len(point))
     second = np.array([_SHIFT.get(name, 0.0) for name in names]) / problem.space.slopes(point)
-    known = np.where(problem.spread == FROM_FILE, IGNORANCE, ignorance(problem))
-    return second / float(np.linalg.norm(second / known))
-
-
-def _in_units(
-    spread: Mapping[str, float], point: FloatArray, share: FloatArray, space: ParameterSpace
-) -> dict[str, float]:
-    """Return how far the numbers of another day may be from the robot's, in their own units."""
-    slopes = space.slopes(point)
-    sizes = {}
-    for name, places in own_indices(space.names, ()).items():
-        error = float(np.nan_to_num(share[places]).min())
-        size = math.hypot(spread.get(name, 0.0), error) * float(slopes[places[0]])
-        if name in spread and size > 0.0:
-            sizes[name] = float(f"{size:.3g}")
-    return sizes
+    return IGNORANCE / float(np.linalg.norm(second)) * second
 
 
 def _soft(errors: FloatArray, robust: bool) -> tuple[FloatArray, FloatArray]:
@@ -237,16 +217,18 @@ def _without(
     return np.clip(points, 0.0, 1.0)
 
 
-def _spread(
+def _with_days(
     point: FloatArray,
     errors: FloatArray,
     slopes: FloatArray,
     covariance: FloatArray,
     problem: FitProblem,
-) -> dict[str, float]:
-    """Return the standard deviation of each number from day to day in the unit cube, by name.
+) -> tuple[FloatArray, dict[str, float]]:
+    """Return the covariance of the robot's numbers, and how far another day's may be from them.
 
-    Numbers of single logs differ by themselves; of the body every log has an estimate of its own.
+    The former is in the unit cube, with what the mean of days leaves open; the latter are standard
+    deviations in each number's unit, by name. Numbers of single logs differ by themselves; of the
+    body every log has an estimate of its own.
     """
     slopes = np.nan_to_num(slopes)
     values = []
@@ -262,6 +244,8 @@ def _spread(
         variance[columns] = np.diag(own_covariance)
         values.append(value)
         variances.append(variance)
+    wider = covariance.copy()
+    units = problem.space.slopes(point)
     spread = {}
     for name, places in own_indices(problem.space.names, ()).items():
         k = places[0]
@@ -271,13 +255,15 @@ def _spread(
             several = np.clip([value[k] for value in values], 0.0, 1.0)
             own_variances = np.array([variance[k] for variance in variances])
         # a few days may be alike by chance: what is usual counts as one more
-        squares = USUAL_SPREAD**2
-        count = 1
+        square = USUAL_SPREAD**2
         if len(places) > 1 or len(values) >= FEWEST_DAYS:
             count = len(several)
-            squares += (count - 1) * _beyond_errors(several, own_variances) ** 2
-        spread[name] = math.sqrt(squares / count)
-    return spread
+            square = (square + (count - 1) * _beyond_errors(several, own_variances) ** 2) / count
+        if name in problem.space.names and len(values) >= FEWEST_DAYS:
+            wider[k, k] += square / len(values)
+        size = math.sqrt(square + np.nan_to_num(np.diag(wider)[places]).min())
+        spread[name] = float(f"{size * units[k]:.3g}")
+    return wider, spread
 
 
 def _of_a_day(
@@ -377,33 +363,30 @@ def _jackknife(
     return (axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T
 
 
-def _sums(
-    space: ParameterSpace, uncertainty: Uncertainty, point: FloatArray
-) -> Iterator[tuple[tuple[int, ...], str]]:
-    """Yield the numbers whose sum is known much better than each, and the sum with its error.
+def _sums(space: ParameterSpace, uncertainty: Uncertainty, point: FloatArray) -> list[str]:
+    """Return the sums of delays that are known much better than each of these, with their errors.
 
     A driver's dead time and lag and the lateness of a localiser all make a log later.
     """
+    sums = []
     values = space.values(point)
-    numbers = [name.partition("@")[0] for name in space.names]
-    driver = [k for k, number in enumerate(numbers) if number in ("delay", "wheel_lag")]
-    late = [[k] for k, number in enumerate(numbers) if number in ("position_late", "yaw_late")]
-    for own in late or [[]]:
-        group = [*driver, *own]
+    late = [name for name in space.names if name.startswith(("position_late", "yaw_late"))]
+    for own in late or [""]:
+        group = [k for k, n in enumerate(space.names) if n in ("delay", "wheel_lag", own)]
         errors = uncertainty.standard_error[group]
-        correlation = uncertainty.correlation[np.ix_(group, group)]
-        error = math.sqrt(abs(float(errors @ correlation @ errors)))
+        square = errors @ uncertainty.correlation[np.ix_(group, group)] @ errors
+        error = math.sqrt(abs(float(square)))
         if len(group) > 1 and error < _TOGETHER * errors.max():
             total = " + ".join(space.names[k] for k in group)
-            yield tuple(group), f"{total} = {values[group].sum():.3f} ± {error:.3f} s"
+            sums.append(f"{total} = {values[group].sum():.3f} ± {error:.3f} s")
+    return sums
 
 
 def sentences(problem: FitProblem, uncertainty: Uncertainty, point: FloatArray) -> list[str]:
     """Return sentences on the parameters that the data leave open or confuse, and on the prior."""
     out = []
     names = problem.space.names
-    sums = dict(_sums(problem.space, uncertainty, point))
-    together = set(chain(*sums))
+    sums = ", ".join(_sums(problem.space, uncertainty, point))
     share = uncertainty.share
     touched = set[str]()
     advice = "it is little more than a guess" if problem.robust else "use --fix"
@@ -416,7 +399,7 @@ def sentences(problem: FitProblem, uncertainty: Uncertainty, point: FloatArray) 
             )
     for i, j in combinations(range(len(names)), 2):
         r = float(uncertainty.correlation[i, j])
-        if {i, j} <= together:
+        if names[i] in sums and names[j] in sums:
             continue
         if abs(r) > _ENTANGLED and max(share[i], share[j]) > _WORTH_TELLING:
             touched |= {names[i], names[j]}
@@ -424,11 +407,9 @@ def sentences(problem: FitProblem, uncertainty: Uncertainty, point: FloatArray) 
                 f"The data cannot tell {names[i]} and {names[j]} apart (correlation {r:+.2f})."
             )
     if sums:
-        known = ", ".join(sums.values())
-        hold = f"hold of {problem.base.drive.hold:g} s"
         out.append(
-            f"Delays are known together only, their parts are not: {known}. Half of the assumed "
-            f"{hold} is in each sum."
+            f"Delays are known together only, their parts are not: {sums}. Half of the assumed "
+            f"hold of {problem.base.drive.hold:g} s is in each sum."
         )
     if plant_kind(problem.model).torques and not problem.torques and "friction" in names:
         k = names.index("friction")

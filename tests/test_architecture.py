@@ -385,7 +385,7 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        69_000,
+        68_600,
         86,
         325,
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
@@ -404,7 +404,7 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        28_000,
+        28_400,
         19,
         84,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "

@@ -20,6 +20,7 @@ import stat
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -171,6 +172,8 @@ class _Kept:
         if code is not None and _described(code) == (self._name, _normalized(sig)[0]):
             return code
         shutil.rmtree(folder, ignore_errors=True)
+        if _saves:
+            _say_that_it_happens_once()
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -190,6 +193,11 @@ class _Kept:
             return _code_on_disk(self._function)
         finally:
             config.CACHE_DIR = before
+
+
+@cache
+def _say_that_it_happens_once() -> None:
+    _log.info("compiling for this processor: this takes seconds once, later starts are quick")
 
 
 def _described(code: Any) -> tuple[str, Any]:
@@ -256,6 +264,26 @@ def numbers_as(typing: Any, template: Any, numbers: Any, first: Any, step: Any) 
         return context.make_tuple(builder, template, values)
 
     return template(template, numbers, types.intp, types.intp), build
+
+
+@built_in
+def write_numbers(typing: Any, array: Any, first: Any, step: Any, numbers: Any) -> Any:
+    """Write the numbers of a named tuple into every `step`-th place of an array, from `first` on.
+
+    A loop over the tuple does the same, and takes longer to compile.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        target = context.make_array(array)(context, builder, arguments[0])
+        at = arguments[1]
+        for k, kind in enumerate(numbers.types):
+            pointer = _item_pointer(context, builder, array, target, [at])
+            value = builder.extract_value(arguments[3], k)
+            builder.store(context.cast(builder, value, kind, types.float64), pointer)
+            at = builder.add(at, arguments[2])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.intp, numbers), build
 
 
 @jit

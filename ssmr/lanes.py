@@ -17,7 +17,16 @@ import numpy as np
 from numba.core import cgutils, types
 from numpy.typing import NDArray
 
-from ssmr._jit import T, built_in, jit, jit_alone, numbers_as, share_among_threads, source
+from ssmr._jit import (
+    T,
+    built_in,
+    jit,
+    jit_alone,
+    numbers_as,
+    share_among_threads,
+    source,
+    write_numbers,
+)
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import (
     DRIVE_TEMPLATE,
@@ -154,13 +163,10 @@ def _step(
     integral = _lane(_SIDES, rows, _INTEGRAL, i)
     robot = _robot(kind, plain, rows, i)
     then, integral = move(now, integral, Sides(held.left, held.right), 0.0, dt, robot)
-    for k, number in enumerate((then.x, then.y, then.yaw, then.v)):
-        rows[i + k * LANES] = number
+    write_numbers(rows, i, LANES, (then.x, then.y, then.yaw, then.v))
     rows[i + _YAW_RATE * LANES] = then.w  # a step needs no more of a motion
-    for k, number in enumerate(integral):
-        rows[i + (_INTEGRAL + k) * LANES] = number
-    for k, number in enumerate(held):
-        rows[i + (_LAST + k) * LANES] = number
+    write_numbers(rows, i + _INTEGRAL * LANES, LANES, integral)
+    write_numbers(rows, i + _LAST * LANES, LANES, held)
 
 
 @jit

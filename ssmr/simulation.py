@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr._jit import fused, jit, jit_alone, sine_cosine
+from ssmr._jit import fused, jit, jit_alone, sine_cosine, write_numbers
 from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PlanarRobot, advance, law_of
@@ -83,7 +83,7 @@ def move(
         y=fused(half, y_rate, now.y),
         yaw=fused(half, w_twice, now.yaw),
         v=v,
-        v_y=sideways(v, w, robot),
+        v_y=sideways(v, w, robot.x_icr, robot.drift),
         w=w,
         left=rates.left,
         right=rates.right,
@@ -94,9 +94,9 @@ def move(
 
 
 @jit
-def sideways(v: float, w: float, robot: PlanarRobot) -> float:
+def sideways(v: float, w: float, x_icr: float, drift: float) -> float:
     """Return the body's speed to the left [m/s] at a forward speed and a yaw rate (Eq. 2.10)."""
-    ahead: float = fused(robot.drift, v, robot.x_icr)
+    ahead: float = fused(drift, v, x_icr)
     return -ahead * w
 
 
@@ -131,8 +131,7 @@ def run_planar(
     turn = 0.0
     for k in range(n + 1):
         if k == due:
-            for column, number in enumerate(now):
-                out[sample, column] = number
+            write_numbers(out[sample], 0, 1, now)
             out[sample, len(now)] = turn
             sample += 1
             due += stride
@@ -148,21 +147,29 @@ def run_planar(
     return -1, (now, integral)
 
 
-@jit_alone
 def planar_start(state: Motion, robot: PlanarRobot) -> tuple[Motion, Sides]:
-    """Return the start of a planar robot in a state, whose motors give no torque.
+    """Return the start of a planar robot in a state, see `start_of`."""
+    return start_of(state, robot.vehicle, robot.x_icr, robot.drift, robot.ideal)
 
-    v_y follows from v and omega, and so do the wheel rates, but for ideal wheels.
+
+@jit_alone
+def start_of(
+    state: Motion, body: Any, x_icr: float, drift: float, ideal: bool
+) -> tuple[Motion, Sides]:
+    """Return the start in a state of a robot whose motors give no torque.
+
+    v_y follows from v and omega, and so do the wheel rates, but for ideal wheels. Numbers of a law
+    are no arguments, so that this is compiled once for all models.
     """
     rates = Sides(state.left, state.right)
-    if not robot.ideal:
-        rates = side_rates(state.v, state.w, robot.vehicle)
+    if not ideal:
+        rates = side_rates(state.v, state.w, body)
     start = Motion(
         state.x,
         state.y,
         state.yaw,
         state.v,
-        v_y=sideways(state.v, state.w, robot),
+        v_y=sideways(state.v, state.w, x_icr, drift),
         w=state.w,
         left=rates.left,
         right=rates.right,

@@ -255,13 +255,15 @@ def regulate_at_speed(
     """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
     k = gains.table
     speed = target.v
+    along = (errors.rho + memory.i_rho, seen.v - speed)
+    across = (errors.y, errors.alpha, seen.w - target.w)
     v = gains.steady_v * speed
-    v -= gain_at(k, speed, 0) * (errors.rho + memory.i_rho)
-    v -= gain_at(k, speed, 1) * (seen.v - speed)
     w = gains.steady_w * target.w
-    w -= gain_at(k, speed, 2) * errors.y
-    w -= gain_at(k, speed, 3) * errors.alpha
-    w -= gain_at(k, speed, 4) * (seen.w - target.w)
+    # numba compiles a function once for each literal number that it is called with
+    for i in range(2):
+        v -= gain_at(k, speed, i) * along[i]
+    for i in range(3):
+        w -= gain_at(k, speed, 2 + i) * across[i]
     i_rho = clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
     return saturated_command(memory, i_rho, v, w)
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit_alone, named_like, share_among_threads
+from ssmr._jit import jit_alone, named_like, share_among_threads, write_numbers
 from ssmr.control.law import EMPTY_MEMORY, Command
 from ssmr.control.laws import AnyController
 from ssmr.control.loop import (
@@ -54,6 +54,7 @@ from ssmr.simulation import (
     move,
     planar_start,
     run_planar,
+    start_of,
 )
 from ssmr.types import FloatArray, Motion, State
 
@@ -90,7 +91,7 @@ def run_planar_loop(
     last = len(log) - 1
     commands = np.empty((1 + last * n // tracker.clock.velocity, 2))
     data = LoopData(drive, draws, commands, np.empty((n, 2)), log)
-    now, integral = planar_start(start, robot)
+    now, integral = start_of(start, robot.vehicle, robot.x_icr, robot.drift, robot.ideal)
     driver = rolling(Sides(start.left, start.right), drive)
     state = INITIAL_STATE
     for i in range(last + 1):
@@ -204,10 +205,8 @@ def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray)
         state, driver, lost = plan_period(tracker, state, driver, k=k, n=n, truth=truth, data=data)
         b.alive[i] = not lost
         b.segments[i] = state.target.segment
-        for j, number in enumerate(state.memory):
-            b.memories[i, j] = number
-        for j, number in enumerate(driver):
-            b.drivers[i, j] = number
+        write_numbers(b.memories[i], 0, 1, state.memory)
+        write_numbers(b.drivers[i], 0, 1, driver)
 
 
 class Bodies(Protocol):

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit, jit_alone
+from ssmr._jit import jit, jit_alone, write_numbers
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
 from ssmr.control.predictor import LEARNT, PredictorModel, predict_ahead, remember
@@ -182,8 +182,7 @@ def velocity_tick(tracker: Tracker, state: LoopState, t: float, dt: float) -> Lo
 @jit_alone
 def record(row: FloatArray, truth: Motion, state: LoopState, tracker: Tracker) -> None:
     """Write a tick into `row`, in the order of `LOG_COLUMNS`."""
-    for i, number in enumerate(truth):
-        row[i] = number
+    write_numbers(row, 0, 1, truth)
     row[10] = state.target.x
     row[11] = state.target.y
     row[12] = state.target.heading
@@ -194,8 +193,7 @@ def record(row: FloatArray, truth: Motion, state: LoopState, tracker: Tracker) -
     row[17] = state.memory.w_ref
     row[18] = state.command.v
     row[19] = state.command.w
-    for i, number in enumerate(state.seen):
-        row[20 + i] = number
+    write_numbers(row, 20, 1, state.seen)
     row[25] = tracker.predictor_state[LEARNT] if tracker.predicts else 0.0
 
 

@@ -68,10 +68,10 @@ def predict(belief: Belief, dt: float, numbers: Any) -> None:
         p[i, X] += turn_x * swing + along_x * ahead
         p[i, Y] += turn_y * swing + along_y * ahead
         p[i, YAW] += dt * p[i, W]
-    for i in range(1, n):  # F P F' is symmetric; the upper triangle is kept
+    _add_process_noise(p, along_x, along_y, turn_x, turn_y, dt=dt, numbers=numbers)
+    for i in range(1, n):  # both are symmetric; the upper triangle is kept
         for j in range(i):
             p[i, j] = p[j, i]
-    _add_process_noise(p, along_x, along_y, turn_x, turn_y, dt=dt, numbers=numbers)
 
 
 @jit
@@ -84,7 +84,7 @@ def _add_process_noise(
     dt: float,
     numbers: Any,
 ) -> None:
-    """Add Q of one step to the covariance, see `predict`."""
+    """Add the upper triangle of Q of one step to the covariance, see `predict`."""
     q_slip = dt * numbers.process_position
     q_yaw = dt * numbers.process_yaw
     q_v = dt * numbers.process_v
@@ -98,21 +98,14 @@ def _add_process_noise(
     p[YAW, YAW] += q_yaw + q_w * dt * dt / 3.0
     p[V, V] += q_v
     p[W, W] += q_w
-    _add(p, X, Y, q_turn * turn_x * turn_y + q_along * along_x * along_y)
-    _add(p, X, YAW, turn_yaw * turn_x)
-    _add(p, Y, YAW, turn_yaw * turn_y)
-    _add(p, X, V, 0.5 * q_v * along_x)
-    _add(p, Y, V, 0.5 * q_v * along_y)
-    _add(p, X, W, turn_w * turn_x)
-    _add(p, Y, W, turn_w * turn_y)
-    _add(p, YAW, W, 0.5 * dt * q_w)
-
-
-@jit
-def _add(p: FloatArray, i: int, j: int, value: float) -> None:
-    """Add to an element of a symmetric matrix and to its mirror image."""
-    p[i, j] += value
-    p[j, i] += value
+    p[X, Y] += q_turn * turn_x * turn_y + q_along * along_x * along_y
+    p[X, YAW] += turn_yaw * turn_x
+    p[Y, YAW] += turn_yaw * turn_y
+    p[X, V] += 0.5 * q_v * along_x
+    p[Y, V] += 0.5 * q_v * along_y
+    p[X, W] += turn_w * turn_x
+    p[Y, W] += turn_w * turn_y
+    p[YAW, W] += 0.5 * dt * q_w
 
 
 @jit

@@ -46,6 +46,14 @@ class SkidTurn:
         return 2.0 / (self.track * self.yaw_rate) if self.yaw_rate > 0.0 else math.inf
 
 
+_SOFTNESS = 0.01 ** np.arange(1, 9)
+"""Squares of speeds [m2/s2] that are added to that of each slip, so that it is smooth: Newton's
+method goes from the least power with one of them to that with the next."""
+_NEWTON_STEPS = 50
+_STILL = 1e-11
+"""Change of a motion [m/s] below which it is found."""
+
+
 def turn_on_the_spot(
     wheelbase: float,
     track: float,
@@ -85,23 +93,38 @@ def turn_on_the_spot(
     outer = np.sign(np.abs(at_y) - 1.0)  # -1 for an inner point, 0 where a tyre has only one
     load = (at_rest + moved) * (1.0 + outwards * outer)
 
-    def power(motion: FloatArray) -> tuple[float, FloatArray]:
-        v_x, v_y, rate = motion
-        # The rims roll at 1 m/s, the left ones backward.
-        s_x = v_x - rate * at_y + left
-        s_y = v_y + rate * at_x
-        size = np.sqrt(s_x**2 + (ratio * s_y) ** 2 + 1e-16)
-        f_x = load * s_x / size
-        f_y = load * ratio**2 * s_y / size
-        moment = at_x * f_y - at_y * f_x
-        return float(load @ size), np.array([f_x.sum(), f_y.sum(), moment.sum()])
+    one = np.ones_like(at_x)
+    # slip speeds of all points by forward speed, lateral speed and yaw rate; lateral ones count
+    # as their friction does
+    per_x = np.column_stack([one, 0.0 * one, -at_y])
+    per_y = ratio * np.column_stack([0.0 * one, one, at_x])
 
-    from scipy.optimize import minimize  # here: it takes long to import
+    def slips(motion: FloatArray, softness: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        # the rims roll at 1 m/s, the left ones backward
+        s_x = per_x @ motion + left
+        s_y = per_y @ motion
+        return s_x, s_y, np.sqrt(s_x**2 + s_y**2 + softness)
 
-    start = np.array([0.0, 0.0, 0.55])
-    minimum = minimize(power, start, jac=True, method="BFGS", options={"gtol": 1e-10})
-    forward, across, rate = map(float, minimum.x)
-    return SkidTurn(forward, across, rate / unit, track, float(minimum.fun))
+    motion = np.array([0.0, 0.0, 0.55])
+    for softness in _SOFTNESS:
+        for _ in range(_NEWTON_STEPS):
+            s_x, s_y, size = slips(motion, softness)
+            per_speed = load / size
+            gradient = per_x.T @ (per_speed * s_x) + per_y.T @ (per_speed * s_y)
+            pull = s_x[:, None] * per_x + s_y[:, None] * per_y
+            curvature = (per_speed * per_x.T) @ per_x + (per_speed * per_y.T) @ per_y
+            curvature -= (per_speed / size**2 * pull.T) @ pull
+            step = np.linalg.lstsq(curvature, -gradient)[0]
+            # a whole step may be too long where a tyre hardly slips
+            while np.abs(step).max() > _STILL:
+                if load @ slips(motion + step, softness)[2] <= load @ size:
+                    break
+                step *= 0.5
+            motion = motion + step
+            if np.abs(step).max() <= _STILL:
+                break
+    forward, across, rate = map(float, motion)
+    return SkidTurn(forward, across, rate / unit, track, float(load @ slips(motion, 0.0)[2]))
 
 
 DIFFERENTIATED_OVER = 0.1

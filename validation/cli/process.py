@@ -179,7 +179,8 @@ def _prepare() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     logging.basicConfig(handlers=[_Lines()])
-    logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
+    for ours in _OURS:  # of other packages only warnings
+        logging.getLogger(ours).setLevel(logging.INFO)
     # imports make many objects that stay, and Python would look through them all the time
     gc.set_threshold(50_000, 20, 100)
     logging.captureWarnings(True)

@@ -205,8 +205,11 @@ class MujocoPlant:
                     f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last
                 )
             turned += self.dt * float(data.qvel[5])
-        self._turns += round((turned - self._read().yaw) / _TURN)
         self._last = self._read()
+        turns = round((turned - self._last.yaw) / _TURN)
+        if turns:
+            self._turns += turns
+            self._last = self._read()
         return self._last
 
     def imu(self) -> tuple[FloatArray, FloatArray]:

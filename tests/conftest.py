@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -13,6 +15,8 @@ from typing import Any
 
 # read when numpy is imported: threads cost more than small matrices
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# else hundreds of programs that tests start compile all sources anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import numpy as np
 import pytest
@@ -44,6 +48,9 @@ DERIVATIVE = 1e-6
 Launch = Callable[..., subprocess.Popen[Any]]
 """What the fixture `launch` is."""
 
+sys.dont_write_bytecode = False
+# as programs do: imports and compiling make many objects that stay
+gc.set_threshold(50_000, 20, 100)
 # pytest-xdist sets it to 80 in its workers, and tables would leave out columns there
 os.environ.pop("COLUMNS", None)
 # in a script's background; programs inherit that

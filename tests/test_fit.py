@@ -267,7 +267,7 @@ def test_a_bound_that_was_reached_is_flagged(tmp_path: Path) -> None:
     assert any("alpha_l ended at its upper bound, 0.9" in note for note in measured["notes"])
 
 
-LONG = "improved --to traj4@coulomb --seed 3 --generations 25 --population 30 --patience 99".split()
+LONG = "improved --to traj4@coulomb --seed 3 --generations 12 --population 20 --patience 99".split()
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,8 @@ from validation.experiment.loops import chosen_controller, make_robot
 from validation.plants.profile import load_profile
 from validation.ros.watch import GENTLE, STRANGE_FOR, Watch
 
-PROFILES = ("thesis-lab", "husky-tile")
+PROFILES = ("thesis-lab", pytest.param("husky-tile", marks=pytest.mark.slow))
+"""One robot shows what the follower does; the other one shows it again."""
 
 
 @cache

@@ -32,6 +32,7 @@ from ssmr.control.tick import (
     LoopData,
     LoopState,
     Tracker,
+    lean,
     plan_period,
 )
 from ssmr.control.waypoints import Target, Waypoints
@@ -375,7 +376,8 @@ def run_loops(
         )
     clock = make_clock(waypoints, first, dt)
     state = start or waypoints.start
-    trackers = make_trackers(controllers, settings, waypoints, clock, state, seeds)
+    made = make_trackers(controllers, settings, waypoints, clock, state, seeds)
+    trackers = [lean(tracker) for tracker in made]
     numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
     robots = [model.packed(dt) for model in models]
     random = [draw(clock, first, seed) for seed in seeds]

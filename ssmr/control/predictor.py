@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit, jit_alone, source
+from ssmr._jit import jit, jit_alone, source, write_numbers
 from ssmr.control.law import Command, Observation
 from ssmr.robot.drive import body_rates, ramp, saturate
 from ssmr.robot.vehicle import Drive
@@ -305,9 +305,7 @@ def learn(memory: FloatArray, changes: Command, seen: Observation, elapsed: floa
     memory[_WW] = approach(memory[_WW], w * w, share_w)
     memory[_W_SEEN] = approach(memory[_W_SEEN], w * seen.w, share_w)
     memory[_W_ASIDE] = approach(memory[_W_ASIDE], w * v_y, share_w)
-    memory[_POSE] = seen.x
-    memory[_POSE + 1] = seen.y
-    memory[_POSE + 2] = seen.yaw
+    write_numbers(memory, _POSE, 1, (seen.x, seen.y, seen.yaw))
 
 
 @jit
@@ -355,13 +353,8 @@ def sample_early(past: FloatArray, memory: FloatArray, model: PredictorModel) ->
     sent_at = memory[_SENT_AT]
     driver = advance_driver(past, sent_at, at, GRID, driver, model=model, late=-EARLIEST)
     v, w = respond(memory[_EARLY + 4], memory[_EARLY + 5], driver, GRID, model)
-    memory[_GRID_AT] = at + GRID
-    memory[_EARLY] = driver.v
-    memory[_EARLY + 1] = driver.w
-    memory[_EARLY + 2] = driver.lagged_v
-    memory[_EARLY + 3] = driver.lagged_w
-    memory[_EARLY + 4] = v
-    memory[_EARLY + 5] = w
+    early = (driver.v, driver.w, driver.lagged_v, driver.lagged_w, v, w, at + GRID)
+    write_numbers(memory, _EARLY, 1, early)
 
 
 @jit
@@ -404,8 +397,7 @@ def learn_delay(
                 x = modelled[j, k] - modelled[j, k + _BACK]
                 sums[j, 0, i] = keep * sums[j, 0, i] + _WEIGHTS[j] * x * x
                 sums[j, 1, i] = keep * sums[j, 1, i] + _WEIGHTS[j] * x * y
-    memory[_SEEN] = seen.v
-    memory[_SEEN + 1] = seen.w
+    write_numbers(memory, _SEEN, 1, now)
     most = _LEARNING_RATE * (t - before)
     best = max(best_delay(sums, memory[_SQUARES:_HISTORY]), -model.horizon)
     memory[LEARNT] += saturate(best - memory[LEARNT], most)
@@ -479,11 +471,8 @@ def predict_ahead(
         v, w = respond(v, w, driver, dt, model)
         at += dt
     changes = Command(v - memory[MODEL_V], w - memory[MODEL_W])
-    memory[_DRIVER] = driver.v
-    memory[_DRIVER + 1] = driver.w
-    memory[_DRIVER + 2] = driver.lagged_v
-    memory[_DRIVER + 3] = driver.lagged_w
-    memory[_AT] = at
+    references = (driver.v, driver.w, driver.lagged_v, driver.lagged_w, at)
+    write_numbers(memory, _DRIVER, 1, references)
     memory[MODEL_V] = v
     memory[MODEL_W] = w
     if t - before > _ROUNDING:

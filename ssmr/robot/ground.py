@@ -46,14 +46,6 @@ class SkidTurn:
         return 2.0 / (self.track * self.yaw_rate) if self.yaw_rate > 0.0 else math.inf
 
 
-_SOFTNESS = 0.01 ** np.arange(1, 9)
-"""Squares of speeds [m2/s2] that are added to that of each slip, so that it is smooth: Newton's
-method goes from the least power with one of them to that with the next."""
-_NEWTON_STEPS = 50
-_STILL = 1e-11
-"""Change of a motion [m/s] below which it is found."""
-
-
 def turn_on_the_spot(
     wheelbase: float,
     track: float,
@@ -93,38 +85,25 @@ def turn_on_the_spot(
     outer = np.sign(np.abs(at_y) - 1.0)  # -1 for an inner point, 0 where a tyre has only one
     load = (at_rest + moved) * (1.0 + outwards * outer)
 
+    # slip speeds of all points, ahead and then aside, by the motion; the rims roll at 1 m/s, the
+    # left ones backward; a slip aside counts as its friction does
     one = np.ones_like(at_x)
-    # slip speeds of all points by forward speed, lateral speed and yaw rate; lateral ones count
-    # as their friction does
-    per_x = np.column_stack([one, 0.0 * one, -at_y])
-    per_y = ratio * np.column_stack([0.0 * one, one, at_x])
-
-    def slips(motion: FloatArray, softness: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        # the rims roll at 1 m/s, the left ones backward
-        s_x = per_x @ motion + left
-        s_y = per_y @ motion
-        return s_x, s_y, np.sqrt(s_x**2 + s_y**2 + softness)
-
+    ahead_of = np.column_stack([one, 0.0 * one, -at_y])
+    aside_of = ratio * np.column_stack([0.0 * one, one, at_x])
+    by_motion = np.vstack([ahead_of, aside_of])
+    rims = np.concatenate([left, 0.0 * left])
     motion = np.array([0.0, 0.0, 0.55])
-    for softness in _SOFTNESS:
-        for _ in range(_NEWTON_STEPS):
-            s_x, s_y, size = slips(motion, softness)
-            per_speed = load / size
-            gradient = per_x.T @ (per_speed * s_x) + per_y.T @ (per_speed * s_y)
-            pull = s_x[:, None] * per_x + s_y[:, None] * per_y
-            curvature = (per_speed * per_x.T) @ per_x + (per_speed * per_y.T) @ per_y
-            curvature -= (per_speed / size**2 * pull.T) @ pull
-            step = np.linalg.lstsq(curvature, -gradient)[0]
-            # a whole step may be too long where a tyre hardly slips
-            while np.abs(step).max() > _STILL:
-                if load @ slips(motion + step, softness)[2] <= load @ size:
-                    break
-                step *= 0.5
-            motion = motion + step
-            if np.abs(step).max() <= _STILL:
-                break
+    # a least sum of distances comes by weighted least squares again and again (Weiszfeld 1937)
+    for _ in range(10_000):
+        slips = (by_motion @ motion + rims).reshape(2, -1)
+        size = np.sqrt((slips**2).sum(axis=0) + 1e-16)
+        weighted = np.tile(load / size, 2) * by_motion.T
+        last = motion
+        motion = np.linalg.lstsq(weighted @ by_motion, -weighted @ rims)[0]
+        if np.abs(motion - last).max() < 1e-12:
+            break
     forward, across, rate = map(float, motion)
-    return SkidTurn(forward, across, rate / unit, track, float(load @ slips(motion, 0.0)[2]))
+    return SkidTurn(forward, across, rate / unit, track, float(load @ size))
 
 
 DIFFERENTIATED_OVER = 0.1

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -42,6 +45,25 @@ def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
             call()
             times[i, j] = time.process_time() - began
     return [float(t) for t in times[1:].min(axis=0)]
+
+
+def spent(*arguments: str, **variables: str) -> float:
+    """Return the processor time of a new Python with these arguments [s].
+
+    `variables` are added to its environment. A CalledProcessError says that it failed.
+    """
+    command = [sys.executable, *arguments]
+    nowhere = subprocess.DEVNULL
+    before = sum(os.times()[2:4])
+    subprocess.run(command, check=True, env={**os.environ, **variables}, stdout=nowhere)
+    return sum(os.times()[2:4]) - before
+
+
+@cache
+def imports() -> float:
+    """Return the processor time that the libraries take to be imported [s]: the machine's unit."""
+    code = "import numpy, numba, mujoco, matplotlib, rerun"
+    return min(spent("-c", code) for _ in range(3))
 
 
 def ratio(

@@ -10,6 +10,7 @@ import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -17,7 +18,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from benchmarks.rows import Row, alternate, ratio, report
+from benchmarks.rows import Row, alternate, imports, ratio, report, spent
 from ssmr.errors import SsmrError
 from ssmr.lanes import run_population
 from ssmr.models.law import PLANAR_MODELS
@@ -31,6 +32,14 @@ from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 
 POPULATION = 64
+_LANES = {"improved": 5.5, "coulomb": 6.5, "linear": 4.2, "kinematic": 5.4}
+"""How much quicker lanes must be, by model. The linear one is quick by itself and gains least."""
+_STARTS = (
+    ("compare --help", 0.0, 0.95),
+    ("compare traj4", 14.0, 3.6),
+    ("track pid line", 25.0, 3.6),
+)
+"""Programs, and how many times the imports their first and later starts may take."""
 LAB = load_profile("thesis-lab")
 
 
@@ -60,11 +69,12 @@ def lane_row(name: str, commands: Commands, repeats: int) -> Row:
     if not np.array_equal(together(), alone()):
         raise SsmrError(f"{name}: poses in lanes differ from those of single robots")
     lanes, single = alternate(together, alone, repeats=repeats)
-    return ratio(f"{name}: {POPULATION} robots one by one / in lanes", single, lanes, least=6.0)
+    what = f"{name}: {POPULATION} robots one by one / in lanes"
+    return ratio(what, single, lanes, least=_LANES[name])
 
 
 def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
-    """Return rows of the Husky as a plant, bare mujoco.rollout of the same model, and real time."""
+    """Return rows of the Husky as a plant beside bare mujoco.rollout of the same model."""
     section = LAB.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
     control = controls(plant.model, wheel_references(commands, section.drive, plant.dt, State()))
@@ -75,8 +85,24 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
         lambda: rollout.rollout(plant.model, data, start[None], control[None]),
         repeats=repeats,
     )
-    real_time = ratio("real time / mujoco plant", commands.duration, ours, least=60.0)
-    return [ratio("mujoco plant / bare rollout", ours, bare, most=1.1), real_time]
+    alone = ratio("trajectory 4 by the mujoco plant / imports", ours, imports(), most=0.13)
+    return [ratio("mujoco plant / bare rollout", ours, bare, most=1.1), alone]
+
+
+def start_rows() -> list[Row]:
+    """Return rows of programs, at their first start and later, beside their libraries' imports."""
+    rows = list[Row]()
+    with TemporaryDirectory() as folder:
+        for program, at_first, most in _STARTS:
+            name, *arguments = program.split()
+            command = ("-m", f"validation.{name}", *arguments, "--out", folder, "--overwrite")
+            times = []
+            for _ in range(4):
+                times.append(spent(*command, XDG_CACHE_HOME=f"{folder}/{name}"))
+            if at_first:
+                rows.append(ratio(f"first {program} / imports", times[0], imports(), at_first))
+            rows.append(ratio(f"{program} / imports", min(times), imports(), most))
+    return rows
 
 
 def main(
@@ -95,6 +121,8 @@ def main(
     often = 1 if quick else repeats
     rows = [lane_row(name, commands, often) for name in PLANAR_MODELS]
     rows += mujoco_rows(commands, often)
+    if not quick:
+        rows += start_rows()
     report("benchmarks/simulate: ratios of the fastest times, measured side by side", rows, out)
 
 

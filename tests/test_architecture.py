@@ -484,10 +484,10 @@ PRICES = {
         "what a log contains and can tell, and its conversion, whole writing; workers",
     ),
     "benchmarks": Price(
-        3_800,
+        4_130,
         0,
-        29,
-        "speed beside other libraries",
+        30,
+        "speed beside other libraries, and what starts of programs take beside their imports",
     ),
 }
 """The price of each room. A feature buys its room: what needs more takes it from something else in

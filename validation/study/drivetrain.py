@@ -295,7 +295,7 @@ def _draw_rates(driver: DriverFit, ax: Axes) -> None:
     t, logged, predicted = driver.shown
     begin = float(t[np.abs(logged).any(axis=0)][0])
     inside = (t >= begin) & (t < begin + _SHOWN)
-    look = {"color": "0.55", "linewidth": 3.5, "alpha": 0.6}
+    look: dict[str, Any] = {"color": "0.55", "linewidth": 3.5, "alpha": 0.6}
     ax.plot(t[inside], logged[:, inside].T, gid="logged", label=["as logged", "_"], **look)
     for side, name in enumerate(("left", "right")):
         ax.plot(t[inside], predicted[side, inside], gid="predicted", label=f"predicted, {name}")

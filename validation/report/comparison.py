@@ -126,7 +126,7 @@ class Comparison(Motions):
         n = len(self.runs)
         title = shortened(Path(self.source.name).name, 48)
         return draw_page(
-            f"{title}: {n} plant{'s' * (n > 1)} driven by the same {kind}",
+            f"{title}: {n} simulation{'s' * (n > 1)} driven by the same {kind}",
             [*rows, *self._panels()],
             legend=self._legend(),
             notes=[*filter(None, [self.verdict()]), *self.notes()],

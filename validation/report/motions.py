@@ -37,8 +37,8 @@ from validation.simulator.terrain import FLAT, Terrain
 
 _COMMANDED: Rgb = (86, 180, 233)
 _WINDOWS = (
-    "after this time, of the relative pose: the plant's motion over a window is compared with the "
-    "reference's, both seen from the pose at the window's start. Windows span no gap"
+    "after this time, of the relative pose: the simulation's motion over a window is compared with "
+    "the reference's, both seen from the pose at the window's start. Windows span no gap"
 )
 declare(
     Metric(
@@ -479,7 +479,7 @@ def alike_sentences(scores: Mapping[str, Scores], alike: Mapping[str, Any] | Non
                 f"{after} these are better in {quantity}, by more than chance: {ranks}."
             )
         if len(pairs) == n * (n - 1) // 2 > 1:
-            sentences.append(f"{none_clear} between any two of these plants in {quantity}.")
+            sentences.append(f"{none_clear} between any two of these simulations in {quantity}.")
         elif pairs:
             sentences.append(f"{none_clear} in {quantity} between {', '.join(pairs)}.")
     return sentences

@@ -16,15 +16,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LOOK = """
-body { max-width: 62rem; margin: 0 auto; padding: 1rem; color: #222;
+body { max-width: 76rem; margin: 0 auto; padding: 1rem; color: #222;
   font: 16px/1.5 system-ui, sans-serif; }
+figure { margin: 0; overflow-x: auto; }
 img { max-width: 100%; height: auto; }
+@media (max-width: 46em) { img { max-width: none; width: 46em; } }
 table { display: block; overflow-x: auto; border-collapse: collapse; font-size: 14px; }
 td, th { padding: 0.2rem 0.7rem; border-bottom: 1px solid #ddd; white-space: nowrap; }
 pre, code { white-space: pre-wrap; overflow-wrap: anywhere; background: #f4f4f4; }
 h1 + p { border-left: 0.4rem solid #d08c00; padding-left: 0.8rem; font-size: 18px; }
 """
-"""Style of a page: wide tables scroll, and pictures shrink on a narrow screen."""
+"""Style of a page: what is wide scrolls, and pictures stay readable on a narrow screen."""
 
 
 _NEXT = """## What to do next
@@ -74,7 +76,8 @@ def html_page(title: str, parts: Iterable[str | Figure]) -> str:
         picture = BytesIO()
         part.savefig(picture, format="png")
         data = base64.b64encode(picture.getvalue()).decode()
-        body += f'<img alt="{html.escape(title)}" src="data:image/png;base64,{data}">\n'
+        image = f'<img alt="{html.escape(title)}" src="data:image/png;base64,{data}">'
+        body += f"<figure>{image}</figure>\n"
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

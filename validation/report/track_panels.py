@@ -278,7 +278,7 @@ def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: str) ->
         rows = [PanelRow(tall, [paths]), PanelRow(2.0, speeds)]
     else:
         rows = [PanelRow(3.6, [paths, *speeds], (0.3, 0.35, 0.35))]
-    plants = f"plant {robots[0].plant}" if len(robots) == 1 else f"{len(robots)} plants"
+    plants = robots[0].plant if len(robots) == 1 else f"{len(robots)} simulations"
     heading = f"{title} · {plants}"
     lost = [r for r in robots if r.run.lost]
     if lost:

@@ -367,7 +367,7 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     caption = (
         f"{len(costs)} controllers, {len(result['references'])} references. "
         f"tau: Kendall's rank correlation with {JUDGE}.\n"
-        f"same winner: number of references on which the plant chooses as {JUDGE} does.\n"
+        f"same winner: number of references on which the simulation chooses as {JUDGE} does.\n"
         f"regret: by how much more metres the choice over all references has on {JUDGE}; "
         "none where it loses runs there.\n"
         "low, high: 90 % interval, from references drawn anew."

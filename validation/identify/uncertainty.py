@@ -231,19 +231,15 @@ def _with_days(
     body every log has an estimate of its own.
     """
     slopes = np.nan_to_num(slopes)
-    values = []
-    variances = []
+    values = np.tile(point, (len(problem.days), 1))
+    variances = np.full(values.shape, IGNORANCE**2)
     for k, day in enumerate(problem.days):
         rows = np.flatnonzero(problem.day_numbers == k)
         columns = list(day.columns)
         own = slopes[rows][:, columns]
         step, own_covariance = _of_a_day(errors[rows], own, problem.blocks[rows])
-        value = point.copy()
-        value[columns] += step
-        variance = np.full(len(point), IGNORANCE**2)
-        variance[columns] = np.diag(own_covariance)
-        values.append(value)
-        variances.append(variance)
+        values[k, columns] += step
+        variances[k, columns] = np.diag(own_covariance)
     wider = covariance.copy()
     units = problem.space.slopes(point)
     spread = {}
@@ -252,8 +248,8 @@ def _with_days(
         several = point[places]
         own_variances = np.diag(covariance)[places]
         if len(places) == 1:
-            several = np.clip([value[k] for value in values], 0.0, 1.0)
-            own_variances = np.array([variance[k] for variance in variances])
+            several = np.clip(values[:, k], 0.0, 1.0)
+            own_variances = variances[:, k]
         # a few days may be alike by chance: what is usual counts as one more
         square = USUAL_SPREAD**2
         if len(places) > 1 or len(values) >= FEWEST_DAYS:

@@ -404,9 +404,9 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        28_400,
+        30_100,
         19,
-        84,
+        90,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; "
         "the better judge of turns; "

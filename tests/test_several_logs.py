@@ -22,7 +22,7 @@ from validation.experiment.sources import open_source
 from validation.files.csv_logs import write_csv
 from validation.files.log import Log
 from validation.fit import Fitted, fit
-from validation.identify.adapting import adapted_along
+from validation.identify.adapting import Calibrating, adapted_along
 from validation.identify.targets import split_ground, tags_of
 from validation.plants.planar import model_of
 from validation.plants.profile import bare_profile, load_profile
@@ -243,6 +243,26 @@ def test_a_prediction_uses_the_past_alone(logs: list[Path], tmp_path: Path) -> N
         assert np.allclose(mine.pose[before], theirs.pose[before], atol=1e-9)
     later = both[0].motions[3].pose - both[1].motions[3].pose
     assert np.abs(later[early[0]]).max() > 1e-3
+
+
+def test_numbers_follow_samples_as_they_come(logs: list[Path]) -> None:
+    """A robot that stands first tells nothing; then its numbers come back from half a minute."""
+    rows = np.loadtxt(logs[0], delimiter=",", skiprows=1)
+    names = logs[0].read_text().splitlines()[0].split(",")
+    table = rows[:, [names.index(name) for name in ("t", "enc_left", "enc_right")]]
+    poses = rows[:, [names.index(name) for name in ("x", "y", "yaw")]]
+    before = BARE.plants["kinematic"]
+    following = Calibrating("kinematic", before, seconds=20.0, memory=60.0)
+    changed = [following.add(t, (0.0, 0.0), poses[0]) for t in np.arange(0.0, 20.1, 0.05)]
+    assert not any(changed)
+    assert following.plant is before
+    changed = []
+    for (t, *rates), pose in zip(table, poses, strict=True):
+        changed.append(following.add(t + 20.1, rates, pose))
+    assert sum(changed) == 3
+    numbers = following.plant.parameters
+    assert numbers.alpha_l == pytest.approx(BODY["alpha_l"], abs=0.005)
+    assert numbers.y_r == pytest.approx(BODY["y_r"], abs=0.02)
 
 
 def test_a_bound_that_is_hit_is_moved_once_and_named(tmp_path: Path) -> None:

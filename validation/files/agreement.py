@@ -274,10 +274,15 @@ def contradictions(e: LogSignals) -> Iterator[LogFault]:
         if gain > gains[0][0] - _TIE:
             good.setdefault(correction.columns, correction)
     if good:
-        seem = [f"{' and '.join(names)} seem {c.words}" for names, c in good.items()]
+        seem = [f"{_seem(names)} {c.words}" for names, c in good.items()]
         sentence = f"{', or '.join(seem)}; as it stands, the log contradicts itself"
         columns = tuple(dict.fromkeys(chain(*good)))
         yield LogFault(gains[0][1].kind, columns, sentence)
+
+
+def _seem(names: Sequence[str]) -> str:
+    """Return the subject and the verb of a sentence on columns."""
+    return f"{' and '.join(names)} seem{'s' * (len(names) == 1)}"
 
 
 def other_axis(e: LogSignals) -> Iterator[LogFault]:
@@ -291,7 +296,7 @@ def other_axis(e: LogSignals) -> Iterator[LogFault]:
         if len(alone) == 1 and pairs and min(pair.alike for pair in pairs) > _SURE:
             (names,) = alone
             sentence = (
-                f"{' and '.join(names)} seem to be another axis or quantity: "
+                f"{_seem(names)} to be another axis or quantity: "
                 "the other columns resemble one another, and not this"
             )
             yield LogFault("swapped", names, sentence)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy as np
 from ssmr.geometry import compose, relative
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gyro import with_gyro
-from validation.experiment.sources import Piece, Source
+from validation.experiment.sources import Piece, Source, source_of
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log
 from validation.identify.judging import motions_of, plant_on
 from validation.identify.objective import FitCost, true_motion
 from validation.identify.problem import FitProblem
@@ -66,10 +68,7 @@ def adapted_along(
         ValueError: the log is too short.
         SsmrError: the plant diverged.
     """
-    space = make_space(model, plant_kind(model).free[occasion], {}, base.robot)
-    usual = {p.name: USUAL_SPREAD * (p.upper - p.lower) for p in space.parameters}
-    base = replace(base, spread={**usual, **base.spread})
-    problem = FitProblem(model, base, space, [with_gyro(source)], FitCost())
+    problem = _problem(model, base, source, occasion)
     ends = np.concatenate([rater.ends for rater, _ in problem.days[0].raters])
     truths = [true_motion(piece) for piece in source.pieces]
     first = float(truths[0].t[0])
@@ -93,6 +92,73 @@ def adapted_along(
     for k, truth in enumerate(truths):
         path.append(_together(truth.t, [(begin, motions[k]) for begin, motions in sets]))
     return adapted._replace(path=tuple(path))
+
+
+def _problem(model: str, base: PlantProfile, source: Source, occasion: Occasion) -> FitProblem:
+    """Return the problem of a fit to a log that has a profile with its spread as its prior."""
+    space = make_space(model, plant_kind(model).free[occasion], {}, base.robot)
+    usual = {p.name: USUAL_SPREAD * (p.upper - p.lower) for p in space.parameters}
+    base = replace(base, spread={**usual, **base.spread})
+    return FitProblem(model, base, space, [with_gyro(source)], FitCost())
+
+
+class Calibrating:
+    """A plant whose numbers follow a robot while it drives: give it samples as they come.
+
+    ```
+    calibrating = Calibrating("kinematic", profile.section("kinematic"))
+    if calibrating.add(t, (left, right), (x, y, yaw)):
+        use(calibrating.plant)
+    ```
+    """
+
+    plant: PlantProfile
+    """The plant with the latest numbers."""
+
+    def __init__(
+        self, model: str, base: PlantProfile, seconds: float = 30.0, memory: float = 600.0
+    ) -> None:
+        """Begin with a plant whose numbers and spread are the prior.
+
+        Args:
+            model: name of the plant; the kinematic one takes a second for each fit.
+            base: its numbers.
+            seconds: time between two fits [s].
+            memory: time after which samples are forgotten [s].
+        """
+        self.plant = base
+        self._model = model
+        self._base = base
+        self._seconds = seconds
+        self._kept = round(memory / seconds)
+        self._blocks: list[list[Sequence[float]]] = [[]]
+
+    def add(self, t: float, rates: Sequence[float], pose: Sequence[float]) -> bool:
+        """Take a sample; return whether the numbers are new.
+
+        A call in which they are fitted lasts as long as the fit.
+
+        Args:
+            t: its stamp [s], later than the one before.
+            rates: rates of the left and the right wheels [rad/s].
+            pose: x, y [m] and yaw [rad] of the pose source.
+        """
+        block = self._blocks[-1]
+        block.append((t, *rates, *pose))
+        if t - block[0][0] < self._seconds:
+            return False
+        table = np.array(list(chain.from_iterable(self._blocks))).T
+        self._blocks = [*self._blocks[-self._kept :], []]
+        columns = dict(zip(("t", *COMMAND_COLUMNS["wheels"], *POSE_COLUMNS), table, strict=True))
+        try:
+            source = source_of(Log.of_columns("the drive", columns), "the drive", "wheels")
+            problem = _problem(self._model, self._base, source, "wheels")
+        except ValueError:
+            # the robot stood, or its poses have too many gaps
+            return False
+        point, _ = descend(problem, problem.begun, Remembered(), 1, lambda: None)
+        self.plant = problem.candidate(point) or self.plant
+        return True
 
 
 def _together(t: FloatArray, parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:

@@ -13,7 +13,7 @@ thesis' published values, scaled to the robot.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -85,9 +85,9 @@ class Profile:
     """Name in results."""
     description: str
     """One sentence that says which robot and which ground are meant."""
-    plants: Mapping[str, PlantProfile]
+    plants: Mapping[str, PlantProfile] = field(repr=False)
     """Numbers of each plant, by name."""
-    provenance: Mapping[str, Any]
+    provenance: Mapping[str, Any] = field(repr=False)
     """For each plant, the source of its numbers: the data, seed and cost of a fit, as the file has
     them."""
     fitted_at: Pace | None = None

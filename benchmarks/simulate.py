@@ -36,8 +36,8 @@ _LANES = {"improved": 5.5, "coulomb": 6.5, "linear": 4.2, "kinematic": 5.4}
 """How much quicker lanes must be, by model. The linear one is quick by itself and gains least."""
 _STARTS = (
     ("compare --help", 0.0, 0.95),
-    ("compare traj4", 14.0, 3.6),
-    ("track pid line", 25.0, 3.6),
+    ("compare traj4", 16.0, 3.9),
+    ("track pid line", 21.0, 3.9),
 )
 """Programs, and how many times the imports their first and later starts may take."""
 LAB = load_profile("thesis-lab")

@@ -156,4 +156,4 @@ def silent(*_: object) -> guarded.Answer:
 
 def test_a_fault_without_words_has_its_name() -> None:
     with pytest.raises(ValueError, match="LookupError"):
-        guarded.ask(silent, [], guarded.Allowance(5.0, 1 << 30))
+        guarded.ask(silent, [], guarded.Allowance(60.0, 1 << 30))

@@ -128,7 +128,8 @@ class Fit(Searching, cli.LogReading):
     """A plant of your own: a PlanarLaw in a Python file, FILE.py:NAME, which is run."""
     guess: Literal["profile"] | Mapping[str, float] | None = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such
-    as friction=0.4. If not given, profile for recordings; for scenarios all are drawn at random."""
+    as friction=0.4. If not given, for recordings the profile's, of mujoco and four_wheel without
+    --free those that a kinematic fit finds; for scenarios all are drawn at random."""
     objective: Objective | None = None
     """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative
     poses, seconds later). If not given, horizon for recordings; else sync for bodies on wheels,
@@ -152,8 +153,7 @@ class Fit(Searching, cli.LogReading):
     """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go
     to the optimum, from its best candidate and from others far from it. jde: differential evolution
     alone, as in the thesis; ask for it to repeat the thesis, or where different seeds of hybrid end
-    at different places. lsq: least squares alone, from --guess, which is the profile's numbers if
-    it is not given."""
+    at different places. lsq: least squares alone, from --guess or what stands for it."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an option that is out of its range."""

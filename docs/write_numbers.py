@@ -98,7 +98,10 @@ def of_calibration() -> dict[str, str]:
         robot = Path(folder) / "mine.toml"
         plants = ("mujoco", "kinematic")
         compared = compare("husky", robot=robot, input="wheels", plants=plants, horizons=(6.0,))
-        fitted = calibrate("husky", robot=robot, plants=("kinematic",)).as_dict()["plants"]
+        calibrated = calibrate("husky", robot=robot, plants=plants)
+        calibrated.save(folder)
+        driver = (Path(folder) / "diff_drive.yaml").read_text(encoding="utf-8")
+    fitted = calibrated.as_dict()["plants"]
     by_wheels = fitted["kinematic"]
     lines = ["", "| error after 6 s on the last third | before | after |", "|---|---|---|"]
     for title, errors in (("wheel rates", by_wheels), ("commands", by_wheels["commands"])):
@@ -112,6 +115,15 @@ def of_calibration() -> dict[str, str]:
         f"before.{name}": f"{plant['horizons'][AFTER]['overlapping']['position_median_m']:.2f}"
         for name, plant in compared.as_dict()["plants"].items()
     }
+    for title, errors in (("wheels", fitted["mujoco"]), ("commands", fitted["mujoco"]["commands"])):
+        both = [errors[when][AFTER] for when in ("before", "after")]
+        ends = [
+            f"{e['position_median_m']:.3f} m and {math.degrees(e['yaw_median_rad']):.1f}°"
+            for e in both
+        ]
+        medians[f"mujoco.{title}"] = " to ".join(ends)
+    multiplier = float(driver.partition("wheel_separation_multiplier: ")[2].split()[0])
+    medians["multiplier"] = f"{multiplier:.2f}"
     radii = {name: f"{known[name]['value']:.3f}" for name in ("alpha_l", "alpha_r")}
     return {"calibrated": "\n".join([*lines, ""]), **medians, **radii}
 

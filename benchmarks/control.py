@@ -56,7 +56,7 @@ def loop_rows(repeats: int, robots: int) -> list[Row]:
     roll_out = partial(rollout.rollout, plant.model, data, start, control)
     closed, opened = alternate(close, roll_out, repeats=repeats)
     return [
-        ratio(f"{robots} circles by pid, improved / imports", planar, imports(), most=0.17),
+        ratio(f"{robots} circles by pid, improved / imports", planar, imports(), most=0.13),
         ratio(f"{robots} closed loops on MuJoCo / open-loop rollouts", closed, opened, most=1.2),
     ]
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr._jit import jit_alone
+from ssmr._jit import jit_alone, write_numbers
 from ssmr.types import FloatArray, State, Trajectory, frozen_array
 
 ALPHA_SWITCH = 0.4
@@ -344,11 +344,7 @@ def targets_at(course: Any, t: FloatArray) -> FloatArray:
     for i in range(len(t)):
         aim = target(course, t[i], segment)
         segment = aim.segment
-        rows[i, 0] = aim.x
-        rows[i, 1] = aim.y
-        rows[i, 2] = aim.heading
-        rows[i, 3] = aim.v
-        rows[i, 4] = aim.w
+        write_numbers(rows[i], 0, 1, (aim.x, aim.y, aim.heading, aim.v, aim.w))
     return rows
 
 

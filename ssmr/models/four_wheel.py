@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
-from ssmr._jit import jit, jit_alone
+from ssmr._jit import jit, jit_alone, write_numbers
 from ssmr.errors import ParameterError
 from ssmr.models.friction import (
     AlongAcross,
@@ -332,12 +332,8 @@ def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
     """
     tyre = tyre_of(robot)
     w = start[5]
-    body.motion[0] = start[0]
-    body.motion[1] = start[1]
-    body.motion[2] = start[2]
-    body.motion[3] = start[3] - w * robot.com_y
-    body.motion[4] = start[4] + w * robot.com_x
-    body.motion[5] = w
+    v = (start[3] - w * robot.com_y, start[4] + w * robot.com_x)
+    write_numbers(body.motion, 0, 1, (start[0], start[1], start[2], v[0], v[1], w))
     body.shift[0] = robot.com_x / robot.half_base
     body.shift[1] = robot.com_y / robot.half_track
     for i in range(4):
@@ -502,9 +498,7 @@ def advance_body(
     motion[0] += dt * (ahead * cos - aside * sin)
     motion[1] += dt * (ahead * sin + aside * cos)
     motion[2] += turned
-    motion[3] = u
-    motion[4] = v
-    motion[5] = w_next
+    write_numbers(motion, 3, 1, (u, v, w_next))
     spin = body.spin[0] + body.spin[1] + body.spin[2] + body.spin[3]
     shift_load(body, AlongAcross(force_x, force_y), spun_up, spin * w, robot)
 
@@ -539,17 +533,12 @@ def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
     """Write the state into a row of `SAMPLE_COLUMNS`, but for the yaw acceleration's range."""
     motion = body.motion
     w = body.motion[5]
-    row[0] = motion[0]
-    row[1] = motion[1]
-    row[2] = motion[2]
-    row[3] = motion[3] + w * robot.com_y
-    row[4] = motion[4] - w * robot.com_x
-    row[5] = w
-    row[6] = 0.5 * (body.spin[0] + body.spin[2])
-    row[7] = 0.5 * (body.spin[1] + body.spin[3])
-    row[8] = body.torque[0] + body.torque[2]
-    row[9] = body.torque[1] + body.torque[3]
-    row[10] = body.turn[0]
+    spin = body.spin
+    torque = body.torque
+    write_numbers(row, 0, 1, (motion[0], motion[1], motion[2]))
+    write_numbers(row, 3, 1, (motion[3] + w * robot.com_y, motion[4] - w * robot.com_x, w))
+    write_numbers(row, 6, 1, (0.5 * (spin[0] + spin[2]), 0.5 * (spin[1] + spin[3])))
+    write_numbers(row, 8, 1, (torque[0] + torque[2], torque[1] + torque[3], body.turn[0]))
     for i in range(4):
         row[13 + i] = body.load[i]
         row[17 + i] = body.force_x[i]

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit_alone, named_like
+from ssmr._jit import jit_alone, named_like, write_numbers
 from ssmr.control.law import Observation
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.control.tick import SPINNING
@@ -66,10 +66,7 @@ def plan_ticks(rows: EpisodeRows, which: Any, actions: FloatArray, references: F
             held = follow(commands, k * drive.period + n, drive, before, held)
             references[j, n, 0] = held.left
             references[j, n, 1] = held.right
-        rows.held[i, 0] = held.v
-        rows.held[i, 1] = held.w
-        rows.held[i, 2] = held.left
-        rows.held[i, 3] = held.right
+        write_numbers(rows.held[i], 0, 1, held)
         rows.ticks[i] += 1
 
 
@@ -91,11 +88,8 @@ def write_view(
     for p in range(len(targets)):
         t = targets[p]
         errors = position_errors(seen, Target(t[0], t[1], t[2], t[3], t[4], 0), math.inf)
-        out[at] = errors.rho
-        out[at + 1] = errors.y
-        out[at + 2] = errors.alpha
-        out[at + 3] = t[3]
-        out[at + 4] = t[4]
+        write_numbers(out, at, 1, errors)
+        write_numbers(out, at + 3, 1, (t[3], t[4]))
         at += 5
     for m in range(len(commands)):
         out[at] = commands[m, 0]

@@ -9,6 +9,8 @@ import pytest
 
 from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, FloatArray, State
+from tests.test_several_logs import drive as kinematic_drive
+from validation.calibrate import calibrate
 from validation.descriptions.loading import load_robot
 from validation.files.csv_logs import write_csv
 from validation.files.log import Log
@@ -89,3 +91,15 @@ def test_a_fast_log_tells_friction(tmp_path: Path) -> None:
     assert friction.value == pytest.approx(TRUTH["friction"], abs=3.0 * friction.standard_error)
     assert friction.standard_error < 0.1
     assert not [note for note in fast.notes() if "is held at" in note]
+
+
+def test_a_body_that_cannot_turn_as_the_robot_does_is_named(tmp_path: Path) -> None:
+    """No body on four tyres turns more easily than its wheels would without skidding."""
+    numbers = {"alpha_l": 0.95, "alpha_r": 0.95, "y_l": 0.21, "y_r": -0.21}
+    log = kinematic_drive(tmp_path, "easy", numbers, 1)
+    plants = ("kinematic", "four_wheel")
+    report = calibrate(log, robot="husky", plants=plants, trust=True, out=tmp_path / "out")
+    lead = "four_wheel driven by measured wheel rates: headings are worse than those of kinematic"
+    (note,) = [note for note in report.notes() if note.startswith(lead)]
+    turns = float(note.partition("it turns ")[2].split()[0])
+    assert 0.5 < turns < 0.98

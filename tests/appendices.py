@@ -38,6 +38,7 @@ APPENDICES: Mapping[str, Sequence[str]] = {
         "docs/why_drift.md",
         "docs/make_contact_figures.py",
         "docs/make_drivetrain_tables.py",
+        "docs/make_runs_tables.py",
     ),
     "replicate": (
         "validation/replicate",

@@ -70,8 +70,10 @@ _NEAR = 1.5
 """Distance up to which that centre is drawn, of a robot of a Husky's size [m]."""
 _ABOVE = 0.07
 """Height of a name above the one before, over the distance of the eye: names never overlap."""
-_LEGEND = 0.45
-"""The time that is left free for the legend, to the right of all lines, over theirs."""
+_LEGEND = 0.48
+"""The time that is left free for the legend, to the right of all lines, over theirs.
+
+It is less than half, or the axis would often end at a round number, whose label is cut."""
 _MOST_SAMPLES = 45_000
 """Samples of a line over time, at most: twenty for each point of a screen's width."""
 _VIEWS = (
@@ -445,9 +447,8 @@ def rotation_centre(track: Track) -> FloatArray:
 def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
     """Return the layout: robots and report on the left, plots on the right; it plays at once."""
     units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
-    ends = [series.t[[0, -1]] for series in plots.values() if len(series.t)]
-    first = min(t[0] for t in ends)
-    last = max(t[1] for t in ends)
+    first = scene.tracks[0].t[0]
+    last = max(track.t[-1] for track in scene.tracks)
     shown = rr.TimeRange(
         start=rr.TimeRangeBoundary.absolute(seconds=first),
         end=rr.TimeRangeBoundary.absolute(seconds=last + _LEGEND * (last - first)),

@@ -102,3 +102,5 @@ def test_a_notebook_shows_tables(comparison: Comparison) -> None:
     (linear,) = [row for row in cells.rows if row[0] == "linear"]
     frame = comparison.frame().set_index("plant")
     assert float(linear[1]) == pytest.approx(frame.loc["linear", "d_rms_m"], abs=6e-4)
+    assert repr(comparison).startswith("<compare: traj4, thesis-lab")
+    assert len(repr(comparison)) < 120

@@ -268,7 +268,7 @@ def _usual_way(logs: Sequence[Log]) -> float:
     return float(np.median(moves)) if len(moves) else 0.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Calibrated(Report):
     """A calibrated robot."""
 

@@ -180,7 +180,7 @@ class Fit(Searching, cli.LogReading):
         return [part.strip() for part in parts if part.strip()]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Fitted(SearchReport):
     """A plant's fitted parameters, their uncertainty, and how well they predict motion."""
 

@@ -109,7 +109,7 @@ class Convert(LogOptions):
             raise ValueError(f"rate {self.rate} must be positive [Hz]")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LogReport(Report):
     """Contents of a log."""
 

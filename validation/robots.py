@@ -119,7 +119,7 @@ class CheckRobot(cli.Common):
         return "robot.json", "robot.png"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class RobotCheck(Report):
     """Report on whether a robot can be as its file describes it, with the numbers that show it."""
 

@@ -58,7 +58,7 @@ class Side(cli.Common):
         return Path("runs") / "table"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SideBySide(Report):
     """Results of several runs in one table."""
 

@@ -152,7 +152,7 @@ class Tune(Searching):
         return tuple(out)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Tuned(SearchReport):
     """Tuned gains, and how they follow references beside the gains of before."""
 

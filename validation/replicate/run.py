@@ -73,7 +73,7 @@ class Replicate(cli.Common):
 _Counts = Counter[tuple[Evidence, Status]]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Replication(Report):
     """Every table of the thesis beside ours, with verdicts."""
 

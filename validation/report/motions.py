@@ -82,7 +82,7 @@ _HEALTH = (
 _HEALTH_COLUMNS = ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "verdict")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Motions(Report):
     """Every plant beside the reference on one source: all of a comparison but its picture."""
 

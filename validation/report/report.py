@@ -28,7 +28,7 @@ INTERRUPTED = "interrupted"
 """How a program ended: by Ctrl-C, with a part of its work."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Report:
     """Result of a program.
 
@@ -132,6 +132,10 @@ class Report:
             lines += ["", "## What the metrics mean", ""]
             lines += [f"- {meaning}" for meaning in meanings]
         return "\n".join(lines) + "\n"
+
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        return f"<{self.program}: {self.title}; table() and figure() show it>"
 
     def _repr_html_(self) -> str:
         return html_of(self.to_markdown())

@@ -46,7 +46,7 @@ _UNSETTLED = 0.5
 declare(*TRACK_METRICS.values())
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Tracked(Report):
     """Robots that followed one reference under one controller; the first is the report's own."""
 

@@ -40,7 +40,7 @@ class StudyOptions(AnyStudy):
         return choose_profile(self.profile, self.robot, "thesis-lab")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Study(Report):
     """Result of a study."""
 

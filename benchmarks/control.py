@@ -25,7 +25,7 @@ from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 
 
-def loop_rows(repeats: int, robots: int) -> list[Row]:
+def _loop_rows(repeats: int, robots: int) -> list[Row]:
     """Time closed loops of pid: improved beside the imports, MuJoCo beside rollouts."""
     profile = load_profile("thesis-lab")
     law = make_controller(profile, load_gains("pid", "published"))
@@ -61,7 +61,7 @@ def loop_rows(repeats: int, robots: int) -> list[Row]:
     ]
 
 
-def follow_targets(batch: TrackBatch) -> None:
+def _follow_targets(batch: TrackBatch) -> None:
     """Drive one episode in every row, from its beginning, towards where the target will be."""
     seen = batch.reset()
     for _ in range(batch.source.most_ticks):
@@ -70,12 +70,12 @@ def follow_targets(batch: TrackBatch) -> None:
         seen = batch.step(commands).observations
 
 
-def episode_row(repeats: int, robots: int, seconds: float) -> Row:
+def _episode_row(repeats: int, robots: int, seconds: float) -> Row:
     """Time episodes of many robots, their beginnings included."""
     batch = TrackBatch(TrackTask(seconds=seconds), robots, 1)
     for row in range(robots):
         batch.seed(row, row)
-    (episodes,) = alternate(partial(follow_targets, batch), repeats=repeats)
+    (episodes,) = alternate(partial(_follow_targets, batch), repeats=repeats)
     ticks = robots * batch.source.most_ticks
     return ratio(f"{ticks} ticks of episodes / imports", episodes, imports(), most=5.2)
 
@@ -91,9 +91,9 @@ def main(
         quick: Time small populations once: a check that everything runs.
     """
     if quick:
-        rows = [*loop_rows(1, 2), episode_row(1, 4, 1.0)]
+        rows = [*_loop_rows(1, 2), _episode_row(1, 4, 1.0)]
     else:
-        rows = [*loop_rows(repeats, 64), episode_row(repeats, 64, 20.0)]
+        rows = [*_loop_rows(repeats, 64), _episode_row(repeats, 64, 20.0)]
     report("benchmarks/control: ratios of the fastest processor times", rows, out)
 
 

@@ -31,8 +31,8 @@ from validation.identify.targets import open_sources
 from validation.plants.profile import load_profile
 from validation.plants.searchable import make_space
 
-THREADS = os.cpu_count() or 1
-LAB_FREE = ("command_half_track", "wheel_radius", "delay", "acceleration_v", "tracked_x")
+_THREADS = os.cpu_count() or 1
+_LAB_FREE = ("command_half_track", "wheel_radius", "delay", "acceleration_v", "tracked_x")
 
 
 class Run:
@@ -49,7 +49,7 @@ class Run:
         self.least = np.inf
         self.began = time.process_time()
 
-    def residuals(self, points: FloatArray, workers: int | str = THREADS) -> FloatArray:
+    def residuals(self, points: FloatArray, workers: int | str = _THREADS) -> FloatArray:
         """(S, K) residuals [m] of (S, n) points of the unit cube; an impossible one has 1 km."""
         residuals = self.problem.residuals(np.clip(points, 0.0, 1.0), workers)
         residuals = np.where(np.isfinite(residuals), residuals, 1e3 / np.sqrt(residuals.shape[1]))
@@ -58,7 +58,7 @@ class Run:
         return residuals
 
 
-def by_jde(run: Run, generations: int = 14) -> Jde:
+def _by_jde(run: Run, generations: int = 14) -> Jde:
     """Run jDE/best/2 with 20 candidates, the start among them; 14 generations cost a hybrid."""
     settings = JdeSettings(population=20, generations=generations)
     jde = Jde(len(run.start), settings, run.seed, run.start[None])
@@ -67,17 +67,17 @@ def by_jde(run: Run, generations: int = 14) -> Jde:
     return jde
 
 
-def by_hybrid(run: Run) -> None:
+def _by_hybrid(run: Run) -> None:
     """Run `validation.fit --search hybrid`, with its sizes for simulated bodies."""
-    jde = by_jde(run, generations=4)
+    jde = _by_jde(run, generations=4)
     list(
         arrivals(
-            run, jde.population, jde.costs, STARTS, Remembered(), THREADS, on_step=lambda: None
+            run, jde.population, jde.costs, STARTS, Remembered(), _THREADS, on_step=lambda: None
         )
     )
 
 
-def by_sysid(run: Run) -> None:
+def _by_sysid(run: Run) -> None:
     """Run mujoco.sysid's own least squares; a MissingError says that it is not installed."""
     try:
         sysid: Any = importlib.import_module("mujoco.sysid")
@@ -95,7 +95,7 @@ def by_sysid(run: Run) -> None:
     sysid.optimize(parameters, vectorised, optimizer="mujoco", verbose=False)
 
 
-def by_scipy(run: Run) -> None:
+def _by_scipy(run: Run) -> None:
     """Run bounded least squares of scipy, with its own tolerances."""
 
     def residuals(x: FloatArray) -> FloatArray:
@@ -108,11 +108,11 @@ def by_scipy(run: Run) -> None:
     least_squares(residuals, inside, jac=slopes, bounds=(0.0, 1.0))
 
 
-SEARCHES: dict[str, Callable[[Run], object]] = {
-    "hybrid": by_hybrid,
-    "jDE": by_jde,
-    "scipy": by_scipy,
-    "sysid": by_sysid,
+_SEARCHES: dict[str, Callable[[Run], object]] = {
+    "hybrid": _by_hybrid,
+    "jDE": _by_jde,
+    "scipy": _by_scipy,
+    "sysid": _by_sysid,
 }
 
 
@@ -120,7 +120,7 @@ def rows_of(name: str, problem: FitProblem, seeds: Iterable[int]) -> list[Row]:
     """Return the least cost and the effort of a search from each start."""
     rows = list[Row]()
     for run in (Run(problem, seed) for seed in seeds):
-        SEARCHES[name](run)
+        _SEARCHES[name](run)
         spent = time.process_time() - run.began
         row = {
             "search": name,
@@ -142,7 +142,7 @@ def main(
         starts: Number of random starts.
         quick: Fit a planar model from one start: a check that everything runs.
     """
-    model, free = ("kinematic", ("y_l", "y_r")) if quick else ("mujoco", LAB_FREE)
+    model, free = ("kinematic", ("y_l", "y_r")) if quick else ("mujoco", _LAB_FREE)
     profile = load_profile("thesis-lab")
     rows = list[Row]()
     seeds = range(1 if quick else starts)
@@ -150,7 +150,7 @@ def main(
     cost = FitCost("sync", yaw_weight=0.2)
     space = make_space(model, free, {}, profile.robot)
     problem = FitProblem(model, profile.plants[model], space, targets, cost)
-    for name in SEARCHES:
+    for name in _SEARCHES:
         rows += optional(quick, partial(rows_of, name, problem, seeds)) or []
     report(f"benchmarks/fit: {model} on trajectory 4", rows, out)
 

@@ -23,9 +23,9 @@ from validation.ros.dds import Graph, Node
 
 RATE = 100.0
 """Messages a second, twice as many as a Husky's odometry."""
-THERE = "/there"
-BACK = "/back"
-KIND = "nav_msgs/msg/Odometry"
+_THERE = "/there"
+_BACK = "/back"
+_KIND = "nav_msgs/msg/Odometry"
 
 
 def connect(name: str, domain: int, sent: str, heard: str) -> Node:
@@ -34,8 +34,8 @@ def connect(name: str, domain: int, sent: str, heard: str) -> Node:
         node = Node(name, Graph(domain=domain))
     except ValueError as error:
         raise MissingError(str(error)) from error
-    node.advertise(sent, KIND)
-    node.subscribe(heard, KIND, lambda m: msg.read_odometry(m)[0], 32)
+    node.advertise(sent, _KIND)
+    node.subscribe(heard, _KIND, lambda m: msg.read_odometry(m)[0], 32)
     return node
 
 
@@ -46,10 +46,10 @@ def send(node: Node, topic: str, stamp: float) -> None:
 
 def echo(domain: int) -> None:
     """Send back every message, without end."""
-    node = connect("echo", domain, BACK, THERE)
+    node = connect("echo", domain, _BACK, _THERE)
     while True:
         for _, stamp in node.receive(1.0):
-            send(node, BACK, stamp)
+            send(node, _BACK, stamp)
 
 
 @contextlib.contextmanager
@@ -64,7 +64,7 @@ def running(codes: Sequence[str]) -> Iterator[None]:
             process.wait()
 
 
-def round_trips(node: Node, count: int, busy: int) -> Row:
+def _round_trips(node: Node, count: int, busy: int) -> Row:
     """Send `count` messages while `busy` processes compute; count and time those that return."""
     trips: list[float] = []
     with running(["while True: pass"] * busy):
@@ -72,7 +72,7 @@ def round_trips(node: Node, count: int, busy: int) -> Row:
         began = time.process_time()
         for k in range(count + int(RATE)):  # and a second for the last ones
             if k < count:
-                send(node, THERE, time.monotonic())
+                send(node, _THERE, time.monotonic())
             while (left := start + (k + 1) / RATE - time.monotonic()) > 0.0:
                 for _, stamp in node.receive(left):
                     if stamp >= start:
@@ -86,15 +86,15 @@ def round_trips(node: Node, count: int, busy: int) -> Row:
 def measure(count: int, loads: Sequence[int]) -> list[Row]:
     """Return a row for each number of processes that take all of a processor."""
     domain = 1 + os.getpid() % 100  # one that is hardly taken
-    node = connect("sender", domain, THERE, BACK)
+    node = connect("sender", domain, _THERE, _BACK)
     with running([f"from benchmarks.ros import echo; echo({domain})"]):
         for _ in range(300):
-            send(node, THERE, 0.0)
+            send(node, _THERE, 0.0)
             if node.receive(0.1):
                 break
         else:
             raise ValueError("the other process did not answer within 30 s")
-        rows = [round_trips(node, count, busy) for busy in loads]
+        rows = [_round_trips(node, count, busy) for busy in loads]
     node.close()
     return rows
 

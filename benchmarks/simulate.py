@@ -31,7 +31,7 @@ from validation.plants.profile import load_profile
 from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 
-POPULATION = 64
+_POPULATION = 64
 _LANES = {"improved": 5.5, "coulomb": 6.5, "linear": 4.2, "kinematic": 5.4}
 """How much quicker lanes must be, by model. The linear one is quick by itself and gains least."""
 _STARTS = (
@@ -49,7 +49,7 @@ def planar(name: str) -> PlanarModel:
     return PlanarModel(section.parameters, section.vehicle, section.drive)
 
 
-def lane_row(name: str, commands: Commands, repeats: int) -> Row:
+def _lane_row(name: str, commands: Commands, repeats: int) -> Row:
     """Drive 64 candidates of a planar model one by one and in lanes, on one thread.
 
     Raises:
@@ -57,11 +57,11 @@ def lane_row(name: str, commands: Commands, repeats: int) -> Row:
     """
     drive = LAB.plants[name].drive
     models = []
-    for i in range(POPULATION):
+    for i in range(_POPULATION):
         late = replace(drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i)
         models.append(replace(planar(name), drive=late))
     plants = [PlanarPlant(model) for model in models]
-    together = partial(run_population, models, commands, [State()] * POPULATION, SAMPLE_DT)
+    together = partial(run_population, models, commands, [State()] * _POPULATION, SAMPLE_DT)
 
     def alone() -> list[FloatArray]:
         return [plant.run(commands, State(), SAMPLE_DT).pose for plant in plants]
@@ -69,11 +69,11 @@ def lane_row(name: str, commands: Commands, repeats: int) -> Row:
     if not np.array_equal(together(), alone()):
         raise SsmrError(f"{name}: poses in lanes differ from those of single robots")
     lanes, single = alternate(together, alone, repeats=repeats)
-    what = f"{name}: {POPULATION} robots one by one / in lanes"
+    what = f"{name}: {_POPULATION} robots one by one / in lanes"
     return ratio(what, single, lanes, least=_LANES[name])
 
 
-def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
+def _mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     """Return rows of the Husky as a plant beside bare mujoco.rollout of the same model."""
     section = LAB.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
@@ -89,7 +89,7 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     return [ratio("mujoco plant / bare rollout", ours, bare, most=1.1), alone]
 
 
-def start_rows() -> list[Row]:
+def _start_rows() -> list[Row]:
     """Return rows of programs, at their first start and later, beside their libraries' imports."""
     rows = list[Row]()
     with TemporaryDirectory() as folder:
@@ -119,10 +119,10 @@ def main(
         raise ValueError(f"--repeats {repeats} must be positive")
     commands = TRAJECTORIES["traj4"].commands()
     often = 1 if quick else repeats
-    rows = [lane_row(name, commands, often) for name in PLANAR_MODELS]
-    rows += mujoco_rows(commands, often)
+    rows = [_lane_row(name, commands, often) for name in PLANAR_MODELS]
+    rows += _mujoco_rows(commands, often)
     if not quick:
-        rows += start_rows()
+        rows += _start_rows()
     report("benchmarks/simulate: ratios of the fastest times, measured side by side", rows, out)
 
 

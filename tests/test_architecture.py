@@ -385,20 +385,20 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        68_600,
-        86,
-        325,
+        71_300,
+        84,
+        304,
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
-        6_400,
+        6_500,
         4,
         27,
         "how texts of options are read and options checked, exit status, progress; "
         "a run is repeated by its file; tyro has the rest",
     ),
     "validation/engines": Price(
-        8_700,
+        9_000,
         3,
         14,
         "second opinions by ODE and Drake, also on the contacts of a description by others",
@@ -406,7 +406,7 @@ PRICES = {
     "validation/identify": Price(
         30_100,
         19,
-        90,
+        82,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; "
         "the better judge of turns; "
@@ -414,59 +414,59 @@ PRICES = {
         "these)",
     ),
     "validation/learning": Price(
-        6_400,
+        6_600,
         5,
-        14,
+        12,
         "reinforcement learning on the robot: Gymnasium and dm_control",
     ),
     "validation/descriptions": Price(
         31_200,
         7,
-        43,
+        40,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
     "validation/files": Price(
-        42_000,
-        25,
-        120,
+        43_600,
+        27,
+        108,
         "any log is read as one form, of bags on one clock with the most independent pose; "
         "its faults are named, a slipping side among them; it is written",
     ),
     "validation/plants": Price(
-        7_500,
+        7_400,
         5,
-        35,
+        34,
         "every plant declared once, and profiles",
     ),
     "validation/replicate": Price(
-        13_200,
+        13_100,
         13,
         45,
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        25_600,
+        26_400,
         15,
-        71,
+        65,
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
-        13_900,
+        14_000,
         6,
         38,
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        24_100,
+        24_200,
         7,
-        68,
+        69,
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
         15_700,
         12,
-        44,
+        42,
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(
@@ -477,16 +477,16 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        27_500,
+        28_900,
         19,
-        61,
+        60,
         "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "
         "what a log contains and can tell, and its conversion, whole writing; workers",
     ),
     "benchmarks": Price(
-        4_130,
+        4_200,
         0,
-        30,
+        20,
         "speed beside other libraries, and what starts of programs take beside their imports",
     ),
 }

@@ -62,7 +62,7 @@ _WIDENED = 0.5
 """Share of the bounds' width by which a bound that is hit is moved once [1]."""
 _EXPLAINED = 0.5
 """Share of the way at which an error says that the inputs do not explain the motion [1]."""
-TRAINED = 2.0 / 3.0
+_TRAINED = 2.0 / 3.0
 """Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""
 # share of time without a command in which wheels may turn [1]; beyond it commands say little
 _UNCOMMANDED = 0.05
@@ -420,7 +420,7 @@ def calibrate(o: Calibrate) -> Calibrated:
         spans[name] = (None, None)
         if o.held_out is None:
             length = float(common.t[-1] - common.t[0])
-            spans[name] = (None, float(common.t[0] + TRAINED * length))
+            spans[name] = (None, float(common.t[0] + _TRAINED * length))
         judged.append(common)
     if not inputs:
         raise ValueError("no input, wheel rates or commands, is in all logs")

@@ -261,7 +261,7 @@ class Fitted(SearchReport):
         fits: dict[str, Any] = {}
         if isinstance(earlier, Mapping):
             fits = {kind: earlier[kind] for kind in get_args(Occasion) if kind in earlier}
-        occasion = occasion_of(self.asked)
+        occasion = _occasion_of(self.asked)
         fits[occasion] = {
             **{name: document[name] for name in (*taken, "standard_errors_by")},
             "status": self.status,
@@ -386,7 +386,7 @@ def fit(o: Fit) -> Fitted:
     return run_fit(o, cli.warn)
 
 
-def occasion_of(o: Fit) -> Occasion:
+def _occasion_of(o: Fit) -> Occasion:
     """Return the occasion of a fit, by its sources and their input."""
     return "scenario" if all(map(is_scenario, o.names)) else o.input
 
@@ -418,7 +418,7 @@ def run_fit(
     the options.
     """
     add_user_model(o.own_model)
-    occasion = occasion_of(o)
+    occasion = _occasion_of(o)
     kind = plant_kind(o.model)
     is_default = o.profile is None and o.robot is None
     standard = "thesis-lab" if occasion == "scenario" else profile_of_log(o.names[0])

@@ -36,7 +36,7 @@ from ssmr.types import FloatArray
 
 DEVIATION = 0.05
 """Greatest distance between the path and the straight lines between its waypoints [m]."""
-WIDEST = 0.5
+_WIDEST = 0.5
 """Greatest h, half of the kernel's length [m]: gentle corners need no more."""
 _STEP = 0.001
 """Arc length of the polyline from waypoint to waypoint of a feasible path [m]."""
@@ -110,7 +110,7 @@ def _leg(
     segments = np.searchsorted(along[1:-1], 0.5 * (s[1:] + s[:-1]))
     speeds = np.minimum(waypoints.segment_speeds[leg[:-1]], limits.speed)[segments]
     # a kernel of four boxes of m samples ends at 2 (m - 1) of them
-    widths = range(1, 2 + min(round(0.5 * WIDEST / s[1]), count // 2))
+    widths = range(1, 2 + min(round(0.5 * _WIDEST / s[1]), count // 2))
 
     def too_far(m: int) -> bool:
         off = _smoothed(line, m) - line

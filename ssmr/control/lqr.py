@@ -71,14 +71,14 @@ class LqrGains(Gains):
     """K_Irho, integral action on e_rho."""
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """Return K row by row, K_alpha, K_y and K_Irho, (11,): the fields of `LqrNumbers`."""
+        """Return K row by row, K_alpha, K_y and K_Irho, (11,): the fields of `_LqrNumbers`."""
         q = [self.q_x, self.q_v, self.q_yaw, self.q_w]
-        k = regulator_gain(a, b, q, [self.r_v, self.r_w])
+        k = _regulator_gain(a, b, q, [self.r_v, self.r_w])
         others = (self.k_alpha, self.k_y, self.k_i_rho)
         return np.array([*k.ravel(), *others], dtype=np.float64)
 
 
-class LqrNumbers(NamedTuple):
+class _LqrNumbers(NamedTuple):
     """K of u = -K x, `k_v_yaw` from yaw to the speed command, and the gains beside it."""
 
     k_v_x: float
@@ -94,7 +94,7 @@ class LqrNumbers(NamedTuple):
     k_i_rho: float
 
 
-def regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float]) -> FloatArray:
+def _regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float]) -> FloatArray:
     """(m, n) K of the optimal u = -K x for a model (n, n) `a`, (n, m) `b`, diagonal weights.
 
     Raises:
@@ -110,7 +110,7 @@ def regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float])
 
 
 @jit
-def clamp_integral(
+def _clamp_integral(
     error: float, integral: float, out: float, limit: float, k_i: float, dt: float
 ) -> float:
     """Return the integral after a step with clamping (Fig. 4.8).
@@ -139,7 +139,7 @@ def saturated_command(memory: Memory, i_rho: float, v: float, w: float) -> Memor
 
 
 @jit
-def regulate(
+def _regulate(
     gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
     """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
@@ -151,15 +151,15 @@ def regulate(
     w = gains.k_w_x * x - gains.k_w_v * seen.v
     w += gains.k_w_yaw * theta
     w -= gains.k_w_w * seen.w
-    i_rho = clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
+    i_rho = _clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
     return saturated_command(memory, i_rho, v, w)
 
 
 LAW = Law(
     "lqr",
     LqrGains,
-    reader(LqrNumbers(*(0.0,) * 11)),
-    regulate,
+    reader(_LqrNumbers(*(0.0,) * 11)),
+    _regulate,
     searched=("q_x", "q_v", "q_yaw", "q_w", "r_v", "r_w"),
     generations=300,
     k_u=50.0,
@@ -209,13 +209,13 @@ class ScheduledGains(Gains):
         push_w = b[3, 1]
         along_a = np.array([[0.0, -1.0], [0.0, rate_v]])
         along_b = np.array([[0.0], [push_v]])
-        along = regulator_gain(along_a, along_b, [self.q_x, self.q_v], [self.r_v])[0]
+        along = _regulator_gain(along_a, along_b, [self.q_x, self.q_v], [self.r_v])[0]
         across_b = np.array([[0.0], [0.0], [push_w]])
         across_q = [self.q_y, self.q_alpha, self.q_w]
         rows = []
         for speed in OPERATING_SPEEDS:
             across_a = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, rate_w]])
-            across = regulator_gain(across_a, across_b, across_q, [self.r_w])[0]
+            across = _regulator_gain(across_a, across_b, across_q, [self.r_w])[0]
             rows.append([*along, *across])
         steady = (-rate_v / push_v, -rate_w / push_w)
         return np.array([self.k_i_rho, *steady, *np.ravel(rows)], dtype=np.float64)
@@ -237,7 +237,7 @@ def unpack(row: FloatArray) -> ScheduledNumbers:
 
 
 @jit
-def gain_at(table: FloatArray, speed: float, column: int) -> float:
+def _gain_at(table: FloatArray, speed: float, column: int) -> float:
     """Return one gain at a reference speed [m/s], linear between the operating speeds."""
     spacing = (1.0 - 0.1) / 9.0
     place = (abs(speed) - 0.1) / spacing
@@ -249,7 +249,7 @@ def gain_at(table: FloatArray, speed: float, column: int) -> float:
 
 
 @jit
-def regulate_at_speed(
+def _regulate_at_speed(
     gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
     """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
@@ -261,10 +261,10 @@ def regulate_at_speed(
     w = gains.steady_w * target.w
     # numba compiles a function once for each literal number that it is called with
     for i in range(2):
-        v -= gain_at(k, speed, i) * along[i]
+        v -= _gain_at(k, speed, i) * along[i]
     for i in range(3):
-        w -= gain_at(k, speed, 2 + i) * across[i]
-    i_rho = clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
+        w -= _gain_at(k, speed, 2 + i) * across[i]
+    i_rho = _clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
     return saturated_command(memory, i_rho, v, w)
 
 
@@ -272,6 +272,6 @@ SCHEDULED_LAW = Law(
     "lqr-scheduled",
     ScheduledGains,
     unpack,
-    regulate_at_speed,
+    _regulate_at_speed,
     searched=("q_x", "q_y", "q_alpha", "q_v", "q_w", "r_w"),
 )

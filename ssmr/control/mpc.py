@@ -31,11 +31,11 @@ from ssmr.geometry import wrap_angle
 from ssmr.parameters import packed, parameter
 from ssmr.types import FloatArray
 
-STEP_PERIODS = 2
+_STEP_PERIODS = 2
 """Command periods in a step of the plan; the first step is one period long, because its command is
 held no longer."""
 
-HEADING_TIME = 0.2
+_HEADING_TIME = 0.2
 """Time over which the target's heading is averaged [s]: waypoints turn it in jumps, more in one
 step than in the next."""
 _BEYOND = 100.0
@@ -241,7 +241,7 @@ class Mpc:
             )
         self._steady = rates / pushes  # command over lasting speed
         first = mission.period
-        long = STEP_PERIODS * first
+        long = _STEP_PERIODS * first
         n = 1 + max(1, round((gains.horizon - first) / long))
         ends = first + long * np.arange(n)
         self._edges = np.concatenate([[-long, 0.0], ends])  # of the steps, after the dead time [s]
@@ -297,11 +297,11 @@ class Mpc:
         return float(self._plan[0, 0]), float(self._plan[0, 1])
 
     def _mean_headings(self, times: FloatArray) -> FloatArray:
-        """Return the target's headings [rad], averaged over `HEADING_TIME` about the times [s]."""
-        half = 0.5 * HEADING_TIME
+        """Return the target's headings [rad], averaged over `_HEADING_TIME` about the times [s]."""
+        half = 0.5 * _HEADING_TIME
         ends = np.stack([times - half, times + half])
         before, after = np.interp(ends, self._times, self._turned, left=np.nan, right=np.nan)
-        return np.asarray((after - before) / HEADING_TIME)
+        return np.asarray((after - before) / _HEADING_TIME)
 
     def _solve(
         self, h: FloatArray, f: FloatArray, plan: FloatArray, before: FloatArray

@@ -18,7 +18,7 @@ from ssmr.control.law import Command, Gains, Law, Memory, Observation, reader
 from ssmr.control.waypoints import Errors, Target
 from ssmr.parameters import packed, parameter
 
-U_REF_LIMIT = 1.0
+_U_REF_LIMIT = 1.0
 """Saturation of the rho-PID's output [m/s]; Tab. 4.1. The other blocks have none."""
 
 
@@ -74,7 +74,7 @@ def position_loop(
     """Return the memory after a step of Tab. 4.1: integrals, u_ref [m/s] and omega_ref [rad/s]."""
     k_p = gains.k_p_rho
     k_i = gains.k_i_rho
-    u_ref, i_rho = pi_block(errors.rho, memory.i_rho, k_p, k_i, U_REF_LIMIT, dt)
+    u_ref, i_rho = pi_block(errors.rho, memory.i_rho, k_p, k_i, _U_REF_LIMIT, dt)
     w_y, i_y = pi_block(errors.y, memory.i_y, gains.k_p_y, gains.k_i_y, np.inf, dt)
     k_p = gains.k_p_alpha
     k_i = gains.k_i_alpha
@@ -91,7 +91,7 @@ def position_loop(
 
 
 @jit
-def velocity_loop(
+def _velocity_loop(
     gains: Any, memory: Memory, seen: Observation, dt: float
 ) -> tuple[Memory, Command]:
     """Return the memory and the command after a step of Tab. 4.2."""
@@ -122,6 +122,6 @@ LAW = Law(
         *("k_p_rho", "k_p_y", "k_p_alpha", "k_i_rho", "k_i_y", "k_i_alpha"),
         *("k_p_u", "k_i_u", "k_p_w", "k_i_w"),
     ),
-    velocity_step=velocity_loop,
+    velocity_step=_velocity_loop,
     population=100,
 )

@@ -64,7 +64,7 @@ _DRIVER = DriveState(0.0, 0.0, 0.0, 0.0)
 
 
 @jit_alone
-def run_planar_loop(
+def _run_planar_loop(
     tracker: Tracker,
     drive: DriveNumbers,
     robot: PlanarRobot,
@@ -230,7 +230,7 @@ class Bodies(Protocol):
         ...
 
 
-class PlanarBodies:
+class _PlanarBodies:
     """Planar robots that are moved period by period."""
 
     def __init__(self, models: Sequence[PlanarModel], state: State, dt: float) -> None:
@@ -365,7 +365,7 @@ def run_loops(
     drives = [model.drive for model in models]
     if any(isinstance(law, PythonController) for law in controllers):
         return run_bodies(
-            lambda at: PlanarBodies(models, at, dt),
+            lambda at: _PlanarBodies(models, at, dt),
             drives,
             dt,
             controllers=controllers,
@@ -387,7 +387,7 @@ def run_loops(
     def run(begin: int, end: int) -> None:
         for i in range(begin, end):
             draws, disturbance = random[i % len(seeds)]
-            ticks[i] = run_planar_loop(
+            ticks[i] = _run_planar_loop(
                 trackers[i],
                 numbers[i],
                 robots[i],

@@ -31,41 +31,41 @@ PREDICTION_STEP = 0.01
 """Longest step of a prediction [s]."""
 _ROUNDING = 1e-9
 """Times nearer than this are one instant [s]."""
-MEMORY = 1.0
+_MEMORY = 1.0
 """Time over which a predictor averages how the robot differs from its model [s]: longer than the
 robot's own time constants, and about that of a bend."""
-LEAST_V = 0.1
+_LEAST_V = 0.1
 """Speed from which on the robot's differences count for more than the model [m/s]."""
-LEAST_W = 0.2
+_LEAST_W = 0.2
 """Yaw rate from which on the robot's differences count for more than the model [rad/s]."""
-STEADY_V = 0.5
+_STEADY_V = 0.5
 """Change of speed at which an observation counts half [m/s2]."""
-STEADY_W = 3.0
+_STEADY_W = 3.0
 """Change of yaw rate at which an observation counts half [rad/s2]."""
-GAINS_V = (0.8, 1.2)
-GAINS_W = (0.5, 1.5)
-SLIPS = (-0.3, 0.3)
+_GAINS_V = (0.8, 1.2)
+_GAINS_W = (0.5, 1.5)
+_SLIPS = (-0.3, 0.3)
 """Bounds of the learnt gains of speed and of yaw rate [1] and of the learnt slip [m]. Tyres roll on
 up to 13 % less than the driver's radius. A robot with less than 0.8 of its model's speed still
 gathers speed, as far as its torques allow."""
 GRID = 0.01
 """Time between the samples by which the delay is learnt, and between the delays that are tried
 [s]."""
-EARLIEST = 0.05
+_EARLIEST = 0.05
 """Time by which a robot may answer earlier than its model [s]."""
-LATEST = 0.3
+_LATEST = 0.3
 """Time by which it may answer later [s]."""
-_PROMPT = round(EARLIEST / GRID)
-_SHIFTS = 1 + _PROMPT + round(LATEST / GRID)
+_PROMPT = round(_EARLIEST / GRID)
+_SHIFTS = 1 + _PROMPT + round(_LATEST / GRID)
 _BACK = round(0.1 / GRID)
 """Samples between the two speeds of a difference. It must be shorter than any dead time that is
 tried: a law feeds back the noise of what it saw, and its commands must not answer the older one."""
 _KEPT = _SHIFTS + _BACK
 LATE_FEEDBACK = 0.5
 """Greatest time between an observation and a command that is told to a predictor [s]."""
-FORGETTING = 6.0
+_FORGETTING = 6.0
 """Time constant with which samples are forgotten [s]: some bends of a path."""
-PRIOR = 0.08
+_PRIOR = 0.08
 """Standard deviation of the delay that is not known [s]."""
 _WEIGHTS = (GRID / 0.05 / 0.05**2, GRID / 0.05 / 0.03**2)
 """Weights of a sample of speed [s2/m2] and of yaw rate [s2/rad2]: differences deviate by no less
@@ -133,7 +133,7 @@ MEMORY_NUMBERS = _SUMS + 4 * _SHIFTS
 - mean product of the model's yaw rate and the robot's lateral speed
 - pose of the robot when it was seen last
 - time by which the robot answers later than its model, as it was learnt [s]
-- a model that answers `EARLIEST` before: its four references, speed and yaw rate
+- a model that answers `_EARLIEST` before: its four references, speed and yaw rate
 - time of the newest sample of this model [s]
 - speed and yaw rate of the robot when it was seen last
 - sums of the squares of the robot's differences, of speed and of yaw rate, and of samples
@@ -182,7 +182,7 @@ def predictor_model(a: FloatArray, b: FloatArray, drive: Drive, period: float) -
 
 def commands_under_way(model: PredictorModel) -> int:
     """Return how many commands a predictor must remember, also of a robot that answers later."""
-    return math.ceil((model.horizon + LATEST + LATE_FEEDBACK) / model.period) + 3
+    return math.ceil((model.horizon + _LATEST + LATE_FEEDBACK) / model.period) + 3
 
 
 def predictor_start(state: State, drive: Drive, period: float) -> FloatArray:
@@ -231,7 +231,7 @@ def approach(value: float, target: float, share: float) -> float:
 
 
 @jit
-def advance_driver(
+def _advance_driver(
     past: FloatArray,
     sent_at: float,
     t: float,
@@ -264,7 +264,7 @@ def advance_driver(
 
 
 @jit
-def relax(x: float, rate: float, drive: float, dt: float) -> float:
+def _relax(x: float, rate: float, drive: float, dt: float) -> float:
     """Return x after an exact step of dx/dt = -rate x + drive, for a constant drive."""
     if rate * dt < 1e-12:
         return x + dt * drive
@@ -272,13 +272,13 @@ def relax(x: float, rate: float, drive: float, dt: float) -> float:
 
 
 @jit
-def respond(
+def _respond(
     v: float, w: float, driver: DriverEstimate, dt: float, model: PredictorModel
 ) -> tuple[float, float]:
     """Return speed and yaw rate after a step of the linear model with the learnt gains."""
     drive_v = model.push_v * driver.gain_v * driver.lagged_v
     drive_w = model.push_w * driver.gain_w * driver.lagged_w
-    return relax(v, model.rate_v, drive_v, dt), relax(w, model.rate_w, drive_w, dt)
+    return _relax(v, model.rate_v, drive_v, dt), _relax(w, model.rate_w, drive_w, dt)
 
 
 @jit
@@ -288,11 +288,11 @@ def learn(memory: FloatArray, changes: Command, seen: Observation, elapsed: floa
     These are least squares that forget. Gains are lasting ones, so what is seen while the model's
     speeds change, by `changes` in this time, counts for less.
     """
-    share = min(elapsed / MEMORY, 1.0)
+    share = min(elapsed / _MEMORY, 1.0)
     v = memory[MODEL_V]
     w = memory[MODEL_W]
-    change_v = changes.v / (elapsed * STEADY_V)
-    change_w = changes.w / (elapsed * STEADY_W)
+    change_v = changes.v / (elapsed * _STEADY_V)
+    change_w = changes.w / (elapsed * _STEADY_W)
     share_v = share / (1.0 + change_v * change_v)
     share_w = share / (1.0 + change_w * change_w)
     x = memory[_POSE]
@@ -314,8 +314,8 @@ def learnt(memory: FloatArray) -> DriverEstimate:
 
     A robot that hardly moved has those of the model.
     """
-    least_v = LEAST_V * LEAST_V
-    least_w = LEAST_W * LEAST_W
+    least_v = _LEAST_V * _LEAST_V
+    least_w = _LEAST_W * _LEAST_W
     w_seen = memory[_W_SEEN]
     gain_v = (memory[_V_SEEN] + least_v) / (memory[_VV] + least_v)
     gain_w = (w_seen + least_w) / (memory[_WW] + least_w)
@@ -325,14 +325,14 @@ def learnt(memory: FloatArray) -> DriverEstimate:
         memory[_DRIVER + 1],
         memory[_DRIVER + 2],
         memory[_DRIVER + 3],
-        gain_v=min(max(gain_v, GAINS_V[0]), GAINS_V[1]),
-        gain_w=min(max(gain_w, GAINS_W[0]), GAINS_W[1]),
-        slip=min(max(slip, SLIPS[0]), SLIPS[1]),
+        gain_v=min(max(gain_v, _GAINS_V[0]), _GAINS_V[1]),
+        gain_w=min(max(gain_w, _GAINS_W[0]), _GAINS_W[1]),
+        slip=min(max(slip, _SLIPS[0]), _SLIPS[1]),
     )
 
 
 @jit
-def nominal_driver(memory: FloatArray, first: int) -> DriverEstimate:
+def _nominal_driver(memory: FloatArray, first: int) -> DriverEstimate:
     """Return the driver's references, kept from the number `first` on, without learnt gains."""
     return DriverEstimate(
         memory[first],
@@ -346,19 +346,19 @@ def nominal_driver(memory: FloatArray, first: int) -> DriverEstimate:
 
 
 @jit
-def sample_early(past: FloatArray, memory: FloatArray, model: PredictorModel) -> None:
-    """Take the model that answers `EARLIEST` before on by one sample, in place."""
+def _sample_early(past: FloatArray, memory: FloatArray, model: PredictorModel) -> None:
+    """Take the model that answers `_EARLIEST` before on by one sample, in place."""
     at = memory[_GRID_AT]
-    driver = nominal_driver(memory, _EARLY)
+    driver = _nominal_driver(memory, _EARLY)
     sent_at = memory[_SENT_AT]
-    driver = advance_driver(past, sent_at, at, GRID, driver, model=model, late=-EARLIEST)
-    v, w = respond(memory[_EARLY + 4], memory[_EARLY + 5], driver, GRID, model)
+    driver = _advance_driver(past, sent_at, at, GRID, driver, model=model, late=-_EARLIEST)
+    v, w = _respond(memory[_EARLY + 4], memory[_EARLY + 5], driver, GRID, model)
     early = (driver.v, driver.w, driver.lagged_v, driver.lagged_w, v, w, at + GRID)
     write_numbers(memory, _EARLY, 1, early)
 
 
 @jit
-def push_sample(samples: FloatArray, newest: float) -> None:
+def _push_sample(samples: FloatArray, newest: float) -> None:
     """Put the newest sample first, in place; the oldest one drops out."""
     for k in range(len(samples) - 1, 0, -1):
         samples[k] = samples[k - 1]
@@ -366,7 +366,7 @@ def push_sample(samples: FloatArray, newest: float) -> None:
 
 
 @jit
-def learn_delay(
+def _learn_delay(
     past: FloatArray, memory: FloatArray, seen: Observation, t: float, model: PredictorModel
 ) -> None:
     """Take in speed and yaw rate of time `t` [s], and learn how late the robot answers, in place.
@@ -380,18 +380,18 @@ def learn_delay(
     before = memory[_AT]
     delays = (model.delay_v, model.delay_w)
     now = (seen.v, seen.w)
-    keep = math.exp(-GRID / FORGETTING)
+    keep = math.exp(-GRID / _FORGETTING)
     while memory[_GRID_AT] + GRID <= t + _ROUNDING:
-        sample_early(past, memory, model)
+        _sample_early(past, memory, model)
         memory[_SQUARES + 2] = keep * memory[_SQUARES + 2] + GRID / 0.05
         part = (memory[_GRID_AT] - before) / (t - before)
         for j in range(2):
-            push_sample(modelled[j], memory[_EARLY + 4 + j])
-            push_sample(robot[j], approach(memory[_SEEN + j], now[j], part))
+            _push_sample(modelled[j], memory[_EARLY + 4 + j])
+            _push_sample(robot[j], approach(memory[_SEEN + j], now[j], part))
             y = robot[j, 0] - robot[j, _BACK]
             memory[_SQUARES + j] = keep * memory[_SQUARES + j] + _WEIGHTS[j] * y * y
             # a model with less dead time than that cannot answer so early
-            less = round(max(EARLIEST - delays[j], 0.0) / GRID)
+            less = round(max(_EARLIEST - delays[j], 0.0) / GRID)
             for i in range(_SHIFTS):
                 k = max(i - less, 0)
                 x = modelled[j, k] - modelled[j, k + _BACK]
@@ -399,18 +399,18 @@ def learn_delay(
                 sums[j, 1, i] = keep * sums[j, 1, i] + _WEIGHTS[j] * x * y
     write_numbers(memory, _SEEN, 1, now)
     most = _LEARNING_RATE * (t - before)
-    best = max(best_delay(sums, memory[_SQUARES:_HISTORY]), -model.horizon)
+    best = max(_best_delay(sums, memory[_SQUARES:_HISTORY]), -model.horizon)
     memory[LEARNT] += saturate(best - memory[LEARNT], most)
 
 
 @jit
-def misfit(sums: FloatArray, squares: FloatArray, i: int) -> float:
+def _misfit(sums: FloatArray, squares: FloatArray, i: int) -> float:
     """Return how badly delay number `i` explains the samples: -2 log of its likelihood.
 
     The variance of what is not explained is not known: pushes and dry friction count less.
     """
     delay = (i - _PROMPT) * GRID
-    cost = (delay / PRIOR) ** 2
+    cost = (delay / _PRIOR) ** 2
     for j in range(2):
         square = sums[j, 0, i]
         product = sums[j, 1, i]
@@ -422,20 +422,20 @@ def misfit(sums: FloatArray, squares: FloatArray, i: int) -> float:
 
 
 @jit
-def best_delay(sums: FloatArray, squares: FloatArray) -> float:
-    """Return the delay [s] of the least misfit, by the parabola through the best three."""
+def _best_delay(sums: FloatArray, squares: FloatArray) -> float:
+    """Return the delay [s] of the least _misfit, by the parabola through the best three."""
     best = 0
-    least = misfit(sums, squares, 0)
+    least = _misfit(sums, squares, 0)
     for i in range(1, _SHIFTS):
-        cost = misfit(sums, squares, i)
+        cost = _misfit(sums, squares, i)
         if cost < least:
             best = i
             least = cost
     delay = (best - _PROMPT) * GRID
     if best == 0 or best == _SHIFTS - 1:
         return delay
-    below = misfit(sums, squares, best - 1)
-    above = misfit(sums, squares, best + 1)
+    below = _misfit(sums, squares, best - 1)
+    above = _misfit(sums, squares, best + 1)
     bend = below - 2.0 * least + above
     return delay + 0.5 * GRID * (below - above) / bend if bend > 0.0 else delay
 
@@ -457,18 +457,18 @@ def predict_ahead(
     """
     before = memory[_AT]
     if t - before > _ROUNDING:
-        learn_delay(past, memory, seen, t, model)
+        _learn_delay(past, memory, seen, t, model)
     late = memory[LEARNT] + model.margin
     end = sends + max(model.horizon + late, 0.0)
     at = before
     sent_at = memory[_SENT_AT]
     v = memory[MODEL_V]
     w = memory[MODEL_W]
-    driver = nominal_driver(memory, _DRIVER)
+    driver = _nominal_driver(memory, _DRIVER)
     while at < t - _ROUNDING:
         dt = min(model.step, t - at)
-        driver = advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
-        v, w = respond(v, w, driver, dt, model)
+        driver = _advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
+        v, w = _respond(v, w, driver, dt, model)
         at += dt
     changes = Command(v - memory[MODEL_V], w - memory[MODEL_W])
     references = (driver.v, driver.w, driver.lagged_v, driver.lagged_w, at)
@@ -481,8 +481,8 @@ def predict_ahead(
     x, y, yaw, v, w = seen
     while at < end - _ROUNDING:
         dt = min(model.step, end - at)
-        driver = advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
-        v_next, w_next = respond(v, w, driver, dt, model)
+        driver = _advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
+        v_next, w_next = _respond(v, w, driver, dt, model)
         v_mid = 0.5 * (v + v_next)
         w_mid = 0.5 * (w + w_next)
         heading = yaw + 0.5 * dt * w_mid

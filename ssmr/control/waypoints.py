@@ -20,12 +20,12 @@ from ssmr.types import FloatArray, State, Trajectory, frozen_array
 ALPHA_SWITCH = 0.4
 """A target farther than this is first approached: the error of heading is zero there [m];
 Sec. 4.1.2."""
-SAME_PLACE = 1e-9
+_SAME_PLACE = 1e-9
 """Neighbouring waypoints no farther apart than this are one place, where the target waits [m]."""
-SAME_TIME = 1e-9
+_SAME_TIME = 1e-9
 """Neighbouring waypoints no later than this are at one time, and give no speed [s]."""
 _BRAKING_STEPS = 20
-LARGEST_NUMBER = 1e12
+_LARGEST_NUMBER = 1e12
 """Greatest coordinate [m] or time [s] that is believed: doubles lie 0.1 mm apart there."""
 
 
@@ -37,7 +37,7 @@ class Fault(NamedTuple):
     what: str  # A sentence that says what is wrong and what would be right
 
 
-COURSE = np.dtype([(name, np.float64) for name in ("t", "x", "y", "heading", "v", "w")])
+_COURSE = np.dtype([(name, np.float64) for name in ("t", "x", "y", "heading", "v", "w")])
 """One waypoint as the kernels take it, in mission time: t [s], zero at the first waypoint; place x,
 y [m]; phi, heading of the segment that begins here [rad, unwrapped], at the end that of the segment
 before; v_ref, speed on the segment that begins here [m/s], zero at the end and where the target
@@ -73,12 +73,12 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
     for column, values, unit in (("x", x, "m"), ("y", y, "m"), ("t", t, "s")):
         if values is None:
             continue
-        bad = np.flatnonzero(~(np.abs(values) <= LARGEST_NUMBER))
+        bad = np.flatnonzero(~(np.abs(values) <= _LARGEST_NUMBER))
         if len(bad):
             k = int(bad[0])
-            right = f"a finite number [{unit}] no larger than {LARGEST_NUMBER:g}"
+            right = f"a finite number [{unit}] no larger than {_LARGEST_NUMBER:g}"
             return Fault(k, column, f"{column} is {values[k]:g}, wanted {right}")
-    moving = step_lengths(xy) > SAME_PLACE
+    moving = step_lengths(xy) > _SAME_PLACE
     if t is None:
         if np.all(moving):
             return None
@@ -86,7 +86,7 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
         cure = "give times, to wait, or leave out one of them"
         place = f"({x[k]:.6g}, {y[k]:.6g}) m"
         return Fault(k, None, f"it is where the one before is, at {place}; {cure}")
-    late = np.diff(t) > SAME_TIME
+    late = np.diff(t) > _SAME_TIME
     if not np.all(late):
         k = int(np.argmin(late)) + 1
         what = f"time must increase, but {t[k]:.12g} s follows {t[k - 1]:.12g} s"
@@ -171,7 +171,7 @@ class Waypoints:
         """
         speed = float(self.segment_speeds[-1])
         left = min(0.5 * speed**2 / braking, 0.5 * self.length)
-        if left < SAME_PLACE:
+        if left < _SAME_PLACE:
             return self
         along = np.cumulative_sum(self.lengths, include_initial=True)
         before = along < self.length - left - 1e-3 * left
@@ -209,7 +209,7 @@ class Waypoints:
     @property
     def moving(self) -> NDArray[np.bool_]:
         """(N - 1,) whether the target moves on each segment; it waits on the others."""
-        return np.asarray(self.lengths > SAME_PLACE)
+        return np.asarray(self.lengths > _SAME_PLACE)
 
     @property
     def speed(self) -> float:
@@ -251,7 +251,7 @@ class Waypoints:
         return np.where(self.moving, self.lengths / durations, 0.0)
 
     def course(self) -> NDArray[np.void]:
-        """Return (N,) the waypoints as the kernels take them; see `COURSE` for the fields of each.
+        """Return (N,) the waypoints as the kernels take them; see `_COURSE` for the fields of each.
 
         w_ref is the change of heading from the middle of one segment to the middle of the next over
         the time between. It is zero at both ends, where one of the two is missing, so that its
@@ -263,7 +263,7 @@ class Waypoints:
         headings = self.headings
         middles = t[:-1] + 0.5 * np.diff(t)
         on_the_way = self.moving[:-1] & self.moving[1:]
-        course = np.zeros(len(t), COURSE)
+        course = np.zeros(len(t), _COURSE)
         course["t"] = t
         course["x"] = self.xy[:, 0]
         course["y"] = self.xy[:, 1]
@@ -283,7 +283,7 @@ class Waypoints:
         """
         if not (math.isfinite(dt) and dt > 0.0):
             raise ValueError(f"the sample period must be positive and finite, got {dt} s")
-        n = max(1, math.ceil((self.duration - SAME_TIME) / dt))
+        n = max(1, math.ceil((self.duration - _SAME_TIME) / dt))
         t = np.append(np.arange(n) * dt, self.duration)
         rows = targets_at(self.course(), t)
         twist = np.zeros((len(t), 3))

@@ -246,7 +246,7 @@ def _signal_rms(
     t: FloatArray, candidate: FloatArray, stamps: FloatArray, reference: FloatArray
 ) -> float:
     """Return the root mean square difference of two signals at the stamps of the second."""
-    inside = common_stamps(t, stamps)
+    inside = _common_stamps(t, stamps)
     at = stamps[inside]
     columns = candidate.reshape(len(t), -1).T
     reference_columns = reference[inside].reshape(len(at), -1).T
@@ -257,7 +257,7 @@ def _signal_rms(
     return math.sqrt(np.mean(np.square(off)))
 
 
-def common_stamps(t: FloatArray, stamps: FloatArray) -> NDArray[np.bool_]:
+def _common_stamps(t: FloatArray, stamps: FloatArray) -> NDArray[np.bool_]:
     """Return a mask of a reference's `stamps` [s] within the span of a candidate's, `t` [s].
 
     Raises:
@@ -322,7 +322,7 @@ def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float
     """
     t = candidate.t
     last = len(t) - 1
-    inside = common_stamps(t, reference.t)
+    inside = _common_stamps(t, reference.t)
     at = reference.t[inside]
     before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, last)
     after = np.minimum(before + 1, last)

@@ -38,7 +38,7 @@ import numpy as np
 from ssmr._jit import jit, jit_alone
 from ssmr.types import FloatArray
 
-BENDING_SPACING = 0.1
+_BENDING_SPACING = 0.1
 """Distance between the points at which curvature is taken [m]: noise of size s adds about 6 s^2 /
 d^4 per metre, so with the 0.5 mm of a tracking system a tenth of a metre is the least that leaves a
 gentle path its own bending energy."""
@@ -90,7 +90,7 @@ def bending_energy(xy: FloatArray) -> float:
     measured position jitters by less than d. Each end takes the curvature of its neighbour, and so
     does what is left after the last chord. A path shorter than two chords has none.
 
-    d is `BENDING_SPACING`, or the mean step between samples (weighted by length) where that is
+    d is `_BENDING_SPACING`, or the mean step between samples (weighted by length) where that is
     longer: points laid closer than the samples would find all turning at the samples and none
     between them. A reversal is a turn by pi: pi^2 / d.
     """
@@ -98,7 +98,7 @@ def bending_energy(xy: FloatArray) -> float:
     if not total > 0.0:
         return 0.0
     # At most M - 1 chords fit: total^2 <= (M - 1) squares.
-    d = max(BENDING_SPACING, squares / total)
+    d = max(_BENDING_SPACING, squares / total)
     last_x = xy[0, 0]
     last_y = xy[0, 1]
     chord_x = 0.0

@@ -28,7 +28,7 @@ SHARE = 0.90
 SHORTEST_BLOCK_S = 6.0
 """Least length of a resampled block [s]: commands of a test drive are often held for some
 seconds."""
-FEWEST_BLOCKS = 4
+_FEWEST_BLOCKS = 4
 """Number of blocks that a recording must hold for resampling; below it the interval is that of all
 errors."""
 _DRAWS = 1000
@@ -222,7 +222,7 @@ class WindowErrors:
         for values in (self.position, self.yaw):
             median = float(np.median(values))
             spread = values
-            if blocks >= FEWEST_BLOCKS:
+            if blocks >= _FEWEST_BLOCKS:
                 starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(blocks)))
                 # In a circle, so that every window has the same weight.
                 series = (starts[:, :, None] + np.arange(block)) % n

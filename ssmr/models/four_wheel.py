@@ -33,10 +33,10 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 
 _GRAVITY = Vehicle().gravity  # [m/s2]
-STIFFEST = 1.0
+_STIFFEST = 1.0
 """Greatest h^2 w^2 + 2 h d w^2 of a step h, for a stiffest motion of frequency w and damping time d
 [1]: stable below 4."""
-MOST_STEPS_A_SECOND = 1e6
+_MOST_STEPS_A_SECOND = 1e6
 """Most inner steps in a second that are worth their time [1/s]; a Husky on the default tyres needs
 95."""
 _Link = Literal["belt", "none"]
@@ -143,7 +143,7 @@ class FourWheelParameters:
             raise ParameterError(
                 f"com_x {self.com_x:g} m and com_y {self.com_y:g} m leave a wheel without load"
             )
-        if not _stiffness(self) <= MOST_STEPS_A_SECOND:
+        if not _stiffness(self) <= _MOST_STEPS_A_SECOND:
             raise ParameterError(
                 "tyres are too stiff for so light a body or wheels: "
                 "they swing too fast for any step that is worth its time"
@@ -194,7 +194,7 @@ TEMPLATE = FourWheels(*(0.0,) * 28, inner=1, linked=True, given=False)
 def _stiffness(p: FourWheelParameters) -> float:
     """Return the least number of steps in a second [1/s].
 
-    Their length h follows from h^2 w^2 + 2 h d w^2 = `STIFFEST` for the stiffest motion.
+    Their length h follows from h^2 w^2 + 2 h d w^2 = `_STIFFEST` for the stiffest motion.
     """
     spin = p.armature + p.wheel_inertia
     damping = p.tyre_damping * math.sqrt(p.wheel_radius / _GRAVITY)
@@ -202,8 +202,8 @@ def _stiffness(p: FourWheelParameters) -> float:
     lightness = 1.0 + p.mass * lever / p.yaw_inertia + 0.25 * p.mass * p.wheel_radius**2 / spin
     stiffness = max(p.stiffness_x, p.stiffness_y)
     square = stiffness * _GRAVITY / (p.relaxation * p.wheel_radius) * lightness  # w^2
-    root = math.sqrt(damping * damping * square * square + STIFFEST * square)
-    return (damping * square + root) / STIFFEST
+    root = math.sqrt(damping * damping * square * square + _STIFFEST * square)
+    return (damping * square + root) / _STIFFEST
 
 
 def four_wheels(
@@ -294,7 +294,7 @@ def body_of(row: FloatArray) -> Body:
 
 
 @jit
-def tyre_of(robot: FourWheels) -> Tyre:
+def _tyre_of(robot: FourWheels) -> Tyre:
     """Return the numbers of a tyre; all four have the same."""
     return Tyre(
         robot.friction, robot.stiffness_x, robot.stiffness_y, robot.relaxation, robot.damping
@@ -310,14 +310,14 @@ def contact(i: int, robot: FourWheels) -> AlongAcross:
 
 
 @jit
-def rim_speed(body: Body, i: int, robot: FourWheels) -> float:
+def _rim_speed(body: Body, i: int, robot: FourWheels) -> float:
     """Return the speed at which the rim of wheel i rolls [m/s]."""
     radius = robot.radius_left if i % 2 == 0 else robot.radius_right
     return body.spin[i] * radius  # type: ignore[no-any-return]  # numba knows what it returns
 
 
 @jit
-def sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWheels) -> AlongAcross:
+def _sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWheels) -> AlongAcross:
     """Return the velocity of wheel i's rim over the ground [m/s]; it rolls at `rolling` [m/s]."""
     place = contact(i, robot)
     along = motion[3] - motion[5] * place.y - rolling
@@ -330,7 +330,7 @@ def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
 
     Wheel loads are those at rest, and tyres are bent as in steady rolling.
     """
-    tyre = tyre_of(robot)
+    tyre = _tyre_of(robot)
     w = start[5]
     v = (start[3] - w * robot.com_y, start[4] + w * robot.com_x)
     write_numbers(body.motion, 0, 1, (start[0], start[1], start[2], v[0], v[1], w))
@@ -338,8 +338,8 @@ def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
     body.shift[1] = robot.com_y / robot.half_track
     for i in range(4):
         body.spin[i] = start[6 + i % 2]
-        rolling = rim_speed(body, i, robot)
-        sliding = sliding_velocity(body.motion, rolling, i, robot)
+        rolling = _rim_speed(body, i, robot)
+        sliding = _sliding_velocity(body.motion, rolling, i, robot)
         bent = steady_bend(sliding, rolling, tyre)
         body.slip_x[i] = bent.x
         body.slip_y[i] = bent.y
@@ -370,7 +370,7 @@ def spread_load(body: Body, robot: FourWheels) -> None:
 
 
 @jit
-def turn_wheel(
+def _turn_wheel(
     rate: float,
     integral: float,
     reference: float,
@@ -407,7 +407,7 @@ def turn_wheel(
 
 
 @jit
-def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> float:
+def _turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> float:
     """Advance all wheels under references [rad/s]; return their summed accelerations [rad/s2]."""
     motor = Motor(
         robot.limit, robot.braking, robot.integral_gain, robot.leaked, robot.gained, robot.gear_loss
@@ -429,7 +429,7 @@ def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> flo
             faster = reference
             torque = pull * radius
         else:
-            faster, torque = turn_wheel(
+            faster, torque = _turn_wheel(
                 rate=rate,
                 integral=body.integral[i],
                 reference=reference,
@@ -448,7 +448,7 @@ def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> flo
 
 
 @jit
-def advance_body(
+def _advance_body(
     body: Body, left: float, right: float, disturbance: float, robot: FourWheels
 ) -> None:
     """Advance the robot by one inner step under wheel-rate references [rad/s].
@@ -457,15 +457,15 @@ def advance_body(
     start of the step, and their forces then change the velocities (symplectic Euler).
     """
     motion = body.motion
-    tyre = tyre_of(robot)
+    tyre = _tyre_of(robot)
     dt = robot.dt
     spread_load(body, robot)
     force_x = 0.0
     force_y = 0.0
     moment = 0.0
     for i in range(4):
-        rolling = rim_speed(body, i, robot)
-        sliding = sliding_velocity(motion, rolling, i, robot)
+        rolling = _rim_speed(body, i, robot)
+        sliding = _sliding_velocity(motion, rolling, i, robot)
         slip = AlongAcross(body.slip_x[i], body.slip_y[i])
         bent = bend(slip, sliding, rolling, dt, tyre)
         force = tyre_force(felt_slip(bent, sliding, rolling, tyre), body.load[i], tyre)
@@ -477,7 +477,7 @@ def advance_body(
         force_y = force_y + force.y
         lever = contact(i, robot)
         moment = moment + lever.x * force.y - lever.y * force.x
-    spun_up = turn_wheels(body, left, right, robot)
+    spun_up = _turn_wheels(body, left, right, robot)
     w = motion[5]
     body.turn[0] = moment / robot.yaw_inertia + disturbance
     w_next = w + dt * body.turn[0]
@@ -500,11 +500,11 @@ def advance_body(
     motion[2] += turned
     write_numbers(motion, 3, 1, (u, v, w_next))
     spin = body.spin[0] + body.spin[1] + body.spin[2] + body.spin[3]
-    shift_load(body, AlongAcross(force_x, force_y), spun_up, spin * w, robot)
+    _shift_load(body, AlongAcross(force_x, force_y), spun_up, spin * w, robot)
 
 
 @jit
-def shift_load(
+def _shift_load(
     body: Body, force: AlongAcross, spun_up: float, gyroscopic: float, robot: FourWheels
 ) -> None:
     """Let the loads follow the moments of the ground's forces [N] and of the wheels' rotation.
@@ -569,7 +569,7 @@ def run_wheels(
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
         before = body.motion[5]
         for _ in range(robot.inner):
-            advance_body(body, references[k, 0], references[k, 1], push, robot)
+            _advance_body(body, references[k, 0], references[k, 1], push, robot)
         u = body.motion[3]
         v = body.motion[4]
         w = body.motion[5]

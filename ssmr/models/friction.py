@@ -146,7 +146,7 @@ def bend(
     rate = abs(rolling) / tyre.relaxation
     fading = -math.expm1(-rate * dt)
     lasting = fading / rate if rate * dt > 1e-9 else dt
-    grown = lasting * (1.0 - rate * damping_time(rate, tyre)) / tyre.relaxation
+    grown = lasting * (1.0 - rate * _damping_time(rate, tyre)) / tyre.relaxation
     kept = 1.0 - fading
     x = kept * slip.x + grown * sliding.x
     y = kept * slip.y + grown * sliding.y
@@ -154,7 +154,7 @@ def bend(
 
 
 @jit
-def damping_time(rate: float, tyre: Tyre) -> float:
+def _damping_time(rate: float, tyre: Tyre) -> float:
     """Return the time by which the slip velocity leads [s].
 
     Fast rolling leaves no time for damping.
@@ -168,7 +168,7 @@ def felt_slip(slip: AlongAcross, sliding: AlongAcross, rolling: float, tyre: Tyr
 
     In steady rolling it is sliding over rolling speed, whatever the damping.
     """
-    lead = damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
+    lead = _damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
     return AlongAcross(slip.x + lead * sliding.x, slip.y + lead * sliding.y)
 
 
@@ -182,6 +182,6 @@ def steady_bend(sliding: AlongAcross, rolling: float, tyre: Tyre) -> AlongAcross
     if speed == 0.0:
         return AlongAcross(0.0, 0.0)
     stretch = 1.0 / max(abs(rolling), 1e-9 * speed)
-    lead = damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
+    lead = _damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
     steady = stretch - lead
     return limited(AlongAcross(steady * sliding.x, steady * sliding.y), tyre)

@@ -42,7 +42,7 @@ class ImprovedParameters:
             raise ParameterError(f"{numbers}: sliding would grip more than standing")
 
 
-class ImprovedConstants(NamedTuple):
+class _ImprovedConstants(NamedTuple):
     """Numbers that the law derives from its parameters."""
 
     rolling: float  # resistance of all wheels, at rest and in motion [N]
@@ -50,11 +50,11 @@ class ImprovedConstants(NamedTuple):
     skidding: float  # resisting moment in motion [N m]
 
 
-def _constants(body: Any, parameters: Any, dt: float) -> ImprovedConstants:
+def _constants(body: Any, parameters: Any, dt: float) -> _ImprovedConstants:
     p = parameters
     levers = body.load_levers
     rolling = p.u_x * body.mass * body.gravity
-    return ImprovedConstants(rolling, p.mu_s * levers, p.mu_d * levers)
+    return _ImprovedConstants(rolling, p.mu_s * levers, p.mu_d * levers)
 
 
 @jit

@@ -66,7 +66,7 @@ class KinematicParameters:
         check_parameters(self)
 
 
-class KinematicConstants(NamedTuple):
+class _KinematicConstants(NamedTuple):
     """Numbers that the law derives from its parameters."""
 
     rolled_left: float  # way of the left side over its wheels' turn, alpha_l r [m/rad]
@@ -74,10 +74,10 @@ class KinematicConstants(NamedTuple):
     per_width: float  # 1 / (y_l - y_r) [1/m]
 
 
-def _constants(body: Any, parameters: Any, dt: float) -> KinematicConstants:
+def _constants(body: Any, parameters: Any, dt: float) -> _KinematicConstants:
     p = parameters
     r = body.wheel_radius
-    return KinematicConstants(p.alpha_l * r, p.alpha_r * r, 1.0 / (p.y_l - p.y_r))
+    return _KinematicConstants(p.alpha_l * r, p.alpha_r * r, 1.0 / (p.y_l - p.y_r))
 
 
 @jit

@@ -89,7 +89,7 @@ def coefficients(body: Any, parameters: Any) -> Rates:
     )
 
 
-class LinearConstants(NamedTuple):
+class _LinearConstants(NamedTuple):
     """Numbers that the law derives from its parameters.
 
     Free is a robot whose torques are within their limits, held one with a torque at its limit. The
@@ -108,7 +108,7 @@ class LinearConstants(NamedTuple):
     gain: float  # gain of the loop on wheel rates that this gain means [N m s/rad]
 
 
-def _constants(body: Any, parameters: Any, dt: float) -> LinearConstants:
+def _constants(body: Any, parameters: Any, dt: float) -> _LinearConstants:
     rates = coefficients(body, parameters)
     left = body.per_radius_left**2
     right = body.per_radius_right**2
@@ -121,8 +121,8 @@ def _constants(body: Any, parameters: Any, dt: float) -> LinearConstants:
         [-(rates.loop * both + friction), -rates.loop * uneven * reach],
         [-rates.loop_yaw * uneven, -(rates.loop_yaw * both * reach + friction_yaw)],
     ]
-    free = exact_push(matrix, dt)
-    held = exact_push([[-friction, 0.0], [0.0, -friction_yaw]], dt)
+    free = _exact_push(matrix, dt)
+    held = _exact_push([[-friction, 0.0], [0.0, -friction_yaw]], dt)
     numbers = (
         *free.ravel(),
         *held.diagonal(),
@@ -130,10 +130,10 @@ def _constants(body: Any, parameters: Any, dt: float) -> LinearConstants:
         friction_yaw,
         parameters.gain * body.wheel_radius,
     )
-    return LinearConstants(*map(float, numbers))
+    return _LinearConstants(*map(float, numbers))
 
 
-def exact_push(matrix: Sequence[Sequence[float]], dt: float) -> FloatArray:
+def _exact_push(matrix: Sequence[Sequence[float]], dt: float) -> FloatArray:
     """Return the (2, 2) matrix P of an exact step `dt` [s] of dx/dt = A x + u for a constant u.
 
     The step ends at x + P (A x + u). P is the integral of exp(A s) over the step; A must have real

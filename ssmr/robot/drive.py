@@ -37,9 +37,9 @@ from ssmr.parameters import packed
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, is_finite_number
 
-WHOLE_STEPS = 1e-6
+_WHOLE_STEPS = 1e-6
 """Distance from a whole number of physics steps that is put down to rounding [steps]."""
-MOST_STEPS = 1e7
+_MOST_STEPS = 1e7
 """Most physics steps in one period: hours of the finest ones."""
 
 
@@ -47,10 +47,10 @@ def whole_steps(period: float, dt: float, name: str) -> int:
     """Return the number of physics steps of `dt` [s] in `period` [s], which errors call `name`.
 
     Raises:
-        ParameterError: not a whole number, less than one, or more than `MOST_STEPS`.
+        ParameterError: not a whole number, less than one, or more than `_MOST_STEPS`.
     """
-    steps = round(period / dt) if 0.0 < period / dt < MOST_STEPS else 0
-    if steps < 1 or abs(period / dt - steps) > WHOLE_STEPS:
+    steps = round(period / dt) if 0.0 < period / dt < _MOST_STEPS else 0
+    if steps < 1 or abs(period / dt - steps) > _WHOLE_STEPS:
         raise ParameterError(
             f"{name} of {period} s is not a whole number of physics steps of {dt} s"
         )
@@ -318,10 +318,10 @@ class Driver:
         return out
 
 
-DRY_RATE = 0.05
+_DRY_RATE = 0.05
 """Wheel rate below which the gear's dry friction is proportional to the rate [rad/s]: a planar step
 knows no stuck gear."""
-_PER_DRY_RATE = 1.0 / DRY_RATE
+_PER_DRY_RATE = 1.0 / _DRY_RATE
 
 
 class Motor(NamedTuple):

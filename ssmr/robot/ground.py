@@ -106,7 +106,7 @@ def turn_on_the_spot(
     return SkidTurn(forward, across, rate / unit, track, float(load @ size))
 
 
-DIFFERENTIATED_OVER = 0.1
+_DIFFERENTIATED_OVER = 0.1
 """Accelerations are slopes of speed over so much time [s]: longer than the contacts' 20 ms, shorter
 than a manoeuvre."""
 
@@ -175,9 +175,8 @@ class LoadModel:
     def along(self, motion: Trajectory, gravity: FloatArray, wheel_radius: float) -> FloatArray:
         """Return the (M, 4) quasi-static loads [N] over a motion of the middle between the axles.
 
-        Speeds are differentiated over `DIFFERENTIATED_OVER`; `gravity` is (M, 3) in the body's axes
-        [m/s2]. Where the motion has no wheel rates, the wheels are taken to roll with
-        `wheel_radius` [m].
+        Speeds are differentiated over 0.1 s; `gravity` is (M, 3) in the body's axes [m/s2]. Where
+        the motion has no wheel rates, the wheels are taken to roll with `wheel_radius` [m].
         """
         t = motion.t
         v_x, v_y, w = motion.twist.T
@@ -193,11 +192,11 @@ class LoadModel:
 def slope(t: FloatArray, values: FloatArray) -> FloatArray:
     """Return the (M,) rates of change of (M,) values.
 
-    They are differences over a centred `DIFFERENTIATED_OVER`, shorter at the ends.
+    They are differences over a centred `_DIFFERENTIATED_OVER`, shorter at the ends.
     """
     if len(t) < 2:
         return np.zeros_like(values)
-    span = DIFFERENTIATED_OVER
+    span = _DIFFERENTIATED_OVER
     low = np.clip(t - 0.5 * span, t[0], t[-1])
     high = np.clip(t + 0.5 * span, t[0], t[-1])
     change = np.interp(high, t, values) - np.interp(low, t, values)

@@ -70,7 +70,7 @@ def _ticks(t: FloatArray, rate: float) -> IndexArray:
 
 YAW_DISTURBANCE_VARIANCE = 25.0
 """Variance of the disturbing yaw acceleration [rad2/s4]; Sec. 3.4.5."""
-PUSH_TIME = 0.1
+_PUSH_TIME = 0.1
 """Time for which each draw is held [s]. The thesis does not say; this is the default of Simulink's
 random number block."""
 
@@ -81,10 +81,10 @@ def yaw_disturbance(duration: float, dt: float, rng: np.random.Generator) -> Flo
     The run lasts `duration` [s], with steps `dt` [s]. `rng` draws white noise, which is held. The
     draws do not depend on `dt`, so all plants of one run feel the same disturbance.
     """
-    count = math.ceil(duration / PUSH_TIME - 1e-9) + 1
+    count = math.ceil(duration / _PUSH_TIME - 1e-9) + 1
     draws = math.sqrt(YAW_DISTURBANCE_VARIANCE) * rng.standard_normal(count)
     step = np.arange(round(duration / dt))
-    draw = np.floor(step * dt / PUSH_TIME + 1e-9).astype(int)
+    draw = np.floor(step * dt / _PUSH_TIME + 1e-9).astype(int)
     return np.asarray(draws[draw])
 
 

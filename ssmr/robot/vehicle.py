@@ -72,7 +72,7 @@ class Vehicle:
         require_in_range(self, "x_icr", -self.a, self.b)
 
 
-VehicleNumbers = numbers_of(Vehicle)
+_VehicleNumbers = numbers_of(Vehicle)
 _DERIVED = (
     "radius_left",
     "radius_right",
@@ -87,7 +87,7 @@ _DERIVED = (
     "per_turned",
     "per_turned_aside",
 )
-VehicleBody = namedtuple("VehicleBody", [*VehicleNumbers._fields, *_DERIVED])  # type: ignore[misc]
+VehicleBody = namedtuple("VehicleBody", [*_VehicleNumbers._fields, *_DERIVED])  # type: ignore[misc]
 """A vehicle in compiled functions: its numbers, and those that the laws of motion derive from them
 once instead of at every step.
 

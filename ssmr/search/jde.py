@@ -51,7 +51,7 @@ PARTNERS = 4
 """Number of vectors, distinct and other than i, from which a donor is made (nr)."""
 Finished = Literal["", "generations", "improvement"]
 
-VERSION = "ssmr.jde/3"
+_VERSION = "ssmr.jde/3"
 """Version of the layout of `Jde.state`, and of the order in which random numbers are drawn."""
 _MOST_VECTORS = 100_000
 _MOST_GENERATIONS = 1_000_000
@@ -253,7 +253,7 @@ class Jde:
         for key in ("state", "inc"):
             word = generator["state"][key]
             halves += [word >> 64, word & _LOWER_64]
-        state = {"version": np.array(VERSION)}
+        state = {"version": np.array(_VERSION)}
         for f in fields(JdeSettings):
             value = getattr(self.settings, f.name)
             state[f"settings.{f.name}"] = np.array(value, dtype=type(f.default))
@@ -272,8 +272,8 @@ class Jde:
             ValueError: the version is another, or the shape of an array.
             KeyError: an array is missing.
         """
-        if str(state.get("version")) != VERSION:
-            raise ValueError(f"this is no state of a search of version '{VERSION}'")
+        if str(state.get("version")) != _VERSION:
+            raise ValueError(f"this is no state of a search of version '{_VERSION}'")
         names = [f.name for f in fields(JdeSettings)]
         settings: dict[str, Any] = {name: state[f"settings.{name}"].tolist() for name in names}
         search = cls(state["population"].shape[-1], JdeSettings(**settings), 0)

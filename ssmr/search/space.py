@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.parameters import Declaration, Scale
 from ssmr.types import FloatArray
 
-BOUND_SHARE = 1e-3
+_BOUND_SHARE = 1e-3
 """A value within this share of the width of its bounds from one of them lies at the bound [1]."""
 
 
@@ -149,6 +149,6 @@ class ParameterSpace:
         return np.where(self._log, self.values(points) * width, width)
 
     def at_bound(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return (..., n) whether each coordinate lies at a bound (`BOUND_SHARE`)."""
+        """Return (..., n) whether each coordinate lies at a bound (`_BOUND_SHARE`)."""
         array = np.asarray(points, dtype=np.float64)
-        return (array <= BOUND_SHARE) | (array >= 1.0 - BOUND_SHARE)
+        return (array <= _BOUND_SHARE) | (array >= 1.0 - _BOUND_SHARE)

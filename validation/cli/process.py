@@ -33,7 +33,7 @@ from validation.cli.config import options_from
 from validation.cli.options import REGISTRY, Options
 from validation.output import abridged, each_line, one_line, shortened
 
-EXIT_FAILED_RUN = 1
+_EXIT_FAILED_RUN = 1
 """The work was begun, and cannot be ended."""
 EXIT_USER_ERROR = 2
 EXIT_FAULT = 70
@@ -62,7 +62,7 @@ def run(command: Any, program: str, arguments: Sequence[str] | None = None) -> N
     """
     _prepare()
     message = ""
-    status = EXIT_FAILED_RUN
+    status = _EXIT_FAILED_RUN
     try:
         parse(command, program, arguments)()
         sys.stdout.flush()

@@ -39,7 +39,7 @@ from validation.workers import require_address
 P = ParamSpec("P")
 Opts = TypeVar("Opts", bound=Options)
 R = TypeVar("R", bound=Report)
-MOST_WORKERS = 4096
+_MOST_WORKERS = 4096
 """Greatest number of threads."""
 _LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
@@ -81,7 +81,7 @@ class Common(Options):
         if isinstance(self.workers, str):
             require_address(self.workers)
         else:
-            require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
+            require_within(self, ("workers",), 1, _MOST_WORKERS, whole=True)
 
     def folder(self) -> Path:
         """Return the folder that files are written to where `out` names none."""

@@ -111,7 +111,7 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
 
 
 # ------------------------------------------------------------------------- of our own model
-MULTIPLIER_LIMIT = 0.02
+_MULTIPLIER_LIMIT = 0.02
 """Deviation of the multiplier from its closed form that a robot may have [1]."""
 _RIM_SPEED = 0.13
 """Speed of the rims in the measured turn over sqrt(g r) [1]: slow enough for mechanics without
@@ -192,7 +192,7 @@ def _model_findings(robot: Robot, turn: Mapping[str, float]) -> list[Finding]:
                 "mechanics allows it",
             )
         )
-    elif spot is not None and abs(turn["multiplier"] / spot.multiplier - 1.0) > MULTIPLIER_LIMIT:
+    elif spot is not None and abs(turn["multiplier"] / spot.multiplier - 1.0) > _MULTIPLIER_LIMIT:
         found.append(
             Finding(
                 "wheel_shape",

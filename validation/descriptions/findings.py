@@ -25,17 +25,17 @@ from validation.simulator.checking import (
 )
 from validation.simulator.description import GRAVITY, WHEELS, Robot
 
-DRIVER_LIMIT = 0.25
+_DRIVER_LIMIT = 0.25
 """Deviation of the body's yaw rate from the commanded one that raises no question [1]."""
 _CONTROLLER_LIMIT = 0.08
 """Greatest relative deviation of a controller's number that stands beside a description [1]."""
-DENSITIES = (30.0, 6000.0)
+_DENSITIES = (30.0, 6000.0)
 """Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel
 that fills most of it."""
-MOST_SPARE = 10.0
+_MOST_SPARE = 10.0
 """Torque of motors over that of a turn on the spot on ground of friction 1, beyond which it raises
 a question [1]."""
-OFF_SHARE = 0.12
+_OFF_SHARE = 0.12
 """Difference of the loads of two axles or sides over the weight from which the weight is off the
 middle [1]."""
 _FAR_OFF = 0.25
@@ -102,26 +102,26 @@ def _hull_is_guessed(robot: Robot) -> bool:
     return robot.source("geometry.body_size")[0] == "assumed"
 
 
-def shares_of_axles_and_sides(robot: Robot) -> tuple[float, float]:
+def _shares_of_axles_and_sides(robot: Robot) -> tuple[float, float]:
     """Return the loads in front less behind, and left less right, over the weight [1]."""
     shares = load_shares(robot)
     return float(shares @ FRONT), float(shares @ LEFT)
 
 
 def _weight_off(robot: Robot, _: Others) -> Finding | None:
-    ahead, aside = shares_of_axles_and_sides(robot)
+    ahead, aside = _shares_of_axles_and_sides(robot)
     off = abs(ahead) + abs(aside)
-    if off < OFF_SHARE or off >= 1.0:
+    if off < _OFF_SHARE or off >= 1.0:
         return None
     x, y = whole_com(robot)[:2]
     loads = []
     weight = robot.mass * GRAVITY
     shown = {"x": 0.0, "y": 0.0}
-    if abs(ahead) > 0.25 * OFF_SHARE:
+    if abs(ahead) > 0.25 * _OFF_SHARE:
         shown["x"] = x
         front = 0.25 * weight * (1.0 + ahead)
         loads.append(f"front and rear wheels carry {front:.0f} and {0.5 * weight - front:.0f} N")
-    if abs(aside) > 0.25 * OFF_SHARE:
+    if abs(aside) > 0.25 * _OFF_SHARE:
         shown["y"] = y
         left = 0.25 * weight * (1.0 + aside)
         loads.append(f"left and right ones carry {left:.0f} and {0.5 * weight - left:.0f} N")
@@ -353,7 +353,7 @@ def _hull_unlike(robot: Robot, _: Others) -> Finding | None:
             "measure the body, and say body_size and body_centre",
         )
     density = robot.base_mass / (length * width * height)
-    if DENSITIES[0] < density < DENSITIES[1]:
+    if _DENSITIES[0] < density < _DENSITIES[1]:
         return None
     return Finding(
         "hull",
@@ -389,7 +389,7 @@ def _effort(robot: Robot, _: Others) -> Finding | None:
     if spot is None:
         return None
     torque = turning_torque(robot, spot)
-    if 2.0 * limit <= MOST_SPARE * torque or torque <= 0.0:
+    if 2.0 * limit <= _MOST_SPARE * torque or torque <= 0.0:
         return None
     return Finding(
         "effort",
@@ -511,7 +511,7 @@ def _controller(robot: Robot, foreign: Others) -> Finding | None:
     drive = robot.drive
     given = "drive.command_half_track" in robot.given or "drive.command_radius" in robot.given
     spot = spot_turn(robot)
-    off = sum(map(abs, shares_of_axles_and_sides(robot)))
+    off = sum(map(abs, _shares_of_axles_and_sides(robot)))
     if not given or spot is None:
         return None
     # the maker's radius may be that of a loaded tyre
@@ -527,8 +527,8 @@ def _controller(robot: Robot, foreign: Others) -> Finding | None:
     # yaw rate of the body over the difference of the commanded rim speeds
     response = robot.wheel_radius / drive.command_radius * spot.yaw_rate
     reached = drive.command_half_track * response
-    limit = DRIVER_LIMIT if foreign is None else _CONTROLLER_LIMIT
-    if response <= 0.0 or abs(reached - 1.0) <= limit or off > OFF_SHARE:
+    limit = _DRIVER_LIMIT if foreign is None else _CONTROLLER_LIMIT
+    if response <= 0.0 or abs(reached - 1.0) <= limit or off > _OFF_SHARE:
         return None
     return Finding(
         "controller",

@@ -185,7 +185,7 @@ def _expanded(path: Path) -> str:
         )
     allowance = guarded.Allowance(seconds=_XACRO_TIME, memory=foreign.ALLOWANCE.memory)
     try:
-        text, _ = guarded.ask(expand_xacro, [str(path.resolve())], allowance)
+        text, _ = guarded.ask(_expand_xacro, [str(path.resolve())], allowance)
     except ValueError as error:
         raise ValueError(
             f"this is a xacro file that cannot be expanded here ({one_line(error)}); "
@@ -194,7 +194,7 @@ def _expanded(path: Path) -> str:
     return str(text)
 
 
-def expand_xacro(path: str) -> guarded.Answer:
+def _expand_xacro(path: str) -> guarded.Answer:
     """Return the text of an expanded xacro file, for `guarded.ask`."""
     import xacro  # type: ignore[import-not-found, import-untyped, unused-ignore]
 

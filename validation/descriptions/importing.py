@@ -34,7 +34,7 @@ _SAME_SIZE = 0.02
 """Greatest difference of two tyres of one size, over the larger [1]."""
 _MOST_FRICTION = 5.0
 """Greatest friction that a robot's file may have [1]."""
-SURE_FRICTION = 1.0
+_SURE_FRICTION = 1.0
 """Friction of ground on which motors whose torque nobody knows are taken to turn the robot on the
 spot [1]."""
 _UNITS_OF_LISTS = dict.fromkeys(("body_size", "body_centre", "imu", "com"), "m")
@@ -112,7 +112,7 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
     spot = spot_turn(robot)
     if "drive.torque_limit" not in robot.given and spot is not None:
         # rounded to three digits, it must still be enough
-        friction = max(SURE_FRICTION, 1.1 * robot.friction)
+        friction = max(_SURE_FRICTION, 1.1 * robot.friction)
         torque = float(f"{0.5 * friction * turning_torque(robot, spot):.3g}")
         source = f"assumed: enough to turn on the spot on ground of friction {friction:.2g}"
         document = _document(name, description, {**entries, "drive.torque_limit": (torque, source)})
@@ -345,7 +345,7 @@ class _Import:
         foreign = self.foreign
         frictions = [numbers["mu1"] for numbers in foreign.contacts if "mu1" in numbers]
         if foreign.kind == "mjcf":
-            frictions = tyre_frictions(foreign)
+            frictions = _tyre_frictions(foreign)
         if frictions and 0.0 < min(frictions) <= max(frictions) <= _MOST_FRICTION:
             where = "mean of the tyres, a simulator's setting"
             self.add("simulation.friction", float(np.mean(frictions)), where)
@@ -379,7 +379,7 @@ class _Import:
         return draft._replace(foreign=self.foreign)
 
 
-def tyre_frictions(foreign: ForeignRobot) -> list[float]:
+def _tyre_frictions(foreign: ForeignRobot) -> list[float]:
     """Return the sliding friction of each tyre that has a shape, as an MJCF says it [1]."""
     friction = foreign.wheeled.model.geom_friction
     return [float(friction[drum.geom, 0]) for drum in foreign.drums if drum is not None]

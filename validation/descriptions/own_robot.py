@@ -19,7 +19,7 @@ from validation.simulator.plant import PRESCRIBED_LAG, PRESCRIBED_SHARE
 
 _SETTLE_TIME = 1.0
 """Time in which the robot comes to rest before it is driven [s]."""
-RAMP = 0.4
+_RAMP = 0.4
 """Time in which wheels are brought to their rate [s]: a step would let tyres jump."""
 _SAMPLE = 0.01
 """Period of samples [s], about."""
@@ -228,7 +228,7 @@ class OwnRobot:
     def ride(
         self, rates: tuple[float, float], seconds: float, model: mujoco.MjModel | None = None
     ) -> Trajectory:
-        """Drive from rest with constant wheel rates of the sides, reached in `RAMP`.
+        """Drive from rest with constant wheel rates of the sides, reached in `_RAMP`.
 
         Args:
             rates: rates of the left and the right wheels [rad/s].
@@ -248,7 +248,7 @@ class OwnRobot:
         start: FloatArray,
     ) -> tuple[Trajectory, FloatArray]:
         dt = float(model.opt.timestep)
-        share = np.minimum(dt * np.arange(max(round(seconds / dt), 2)) / RAMP, 1.0)
+        share = np.minimum(dt * np.arange(max(round(seconds / dt), 2)) / _RAMP, 1.0)
         stride = max(round(_SAMPLE / dt), 1)
         return self.follow(np.outer(share, rates), start, model, stride=stride)
 

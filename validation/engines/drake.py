@@ -18,7 +18,7 @@ from validation.engines.body import SINK_SHARE, EngineMissingError, Rigid
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import GRAVITY, WHEELS
 
-HOW_TO_GET_DRAKE = (
+_HOW_TO_GET_DRAKE = (
     "Drake is missing: install it with pip install 'ssmr-testbed[engines]', "
     "and compare without it until then"
 )
@@ -95,7 +95,7 @@ class _Diagram:
             from pydrake.multibody import plant as multibody
             from pydrake.systems.framework import DiagramBuilder
         except ImportError as error:
-            raise EngineMissingError(HOW_TO_GET_DRAKE) from error
+            raise EngineMissingError(_HOW_TO_GET_DRAKE) from error
         log = logging.getLogger("drake")
         level = log.level
         log.setLevel(logging.ERROR)  # it warns that half spaces touch no deformable bodies

@@ -15,7 +15,7 @@ from validation.engines.body import EngineMissingError
 NAMES = ("libode.so.8", "libode.8.dylib")
 """Names of the library's file; the number is that of its binary interface, which all versions 0.16
 share."""
-HOW_TO_GET_ODE = (
+_HOW_TO_GET_ODE = (
     "ODE is missing: install libode 0.16 (Debian, Ubuntu: apt install libode8), "
     "and compare without it until then"
 )
@@ -136,11 +136,11 @@ def ode() -> c.PyDLL:
         except OSError:
             continue
     else:
-        raise EngineMissingError(HOW_TO_GET_ODE)
+        raise EngineMissingError(_HOW_TO_GET_ODE)
     library.dGetConfiguration.restype = c.c_char_p
     if b"ODE_double_precision" not in library.dGetConfiguration().split():
         raise EngineMissingError(
-            f"{HOW_TO_GET_ODE}; the one that is installed is of single precision"
+            f"{_HOW_TO_GET_ODE}; the one that is installed is of single precision"
         )
     for names, (result, arguments) in _SIGNATURES.items():
         for name in names.split():

@@ -28,11 +28,11 @@ from validation.simulator.description import GRAVITY, WHEELS
 from validation.simulator.plant import CHANNELS
 from validation.simulator.terrain import FLAT, Terrain
 
-MOST_GAIN = 1.0
+_MOST_GAIN = 1.0
 """Greatest gain of a side's speed loop times the step over the inertia that spins with the side's
 wheels [1]: motors act on the rates at the start of a step, and a loop that is faster would
 swing."""
-SETTLE_TIME = 1.0
+_SETTLE_TIME = 1.0
 """Time for which the robot stands before its resting height is taken [s]."""
 _TURN = 2.0 * math.pi
 
@@ -75,8 +75,8 @@ class EnginePlant:
         self._groups = calibration.robot.motor_groups
         self._motor = motor_numbers(drive, self.dt)
         inertia = 2.0 * (calibration.armature + calibration.robot.wheel_inertia[1])
-        longest = MOST_GAIN * inertia / calibration.gain if calibration.gain > 0.0 else math.inf
-        if calibration.gain * self.dt > MOST_GAIN * inertia:
+        longest = _MOST_GAIN * inertia / calibration.gain if calibration.gain > 0.0 else math.inf
+        if calibration.gain * self.dt > _MOST_GAIN * inertia:
             raise ParameterError(
                 f"timestep {self.dt:g} s is too long for a gain of {calibration.gain:g} N m s/rad "
                 f"on wheels of {inertia:.3g} kg m2 a side: {name} needs at most {longest:.2g} s"
@@ -89,7 +89,7 @@ class EnginePlant:
     def _settle(self) -> tuple[float, FloatArray]:
         """Return the height and the (4,) attitude of the robot at rest, facing along x."""
         self._body.place(Rigid.at_rest(self.calibration.base_height))
-        for _ in range(round(SETTLE_TIME / self.dt)):
+        for _ in range(round(_SETTLE_TIME / self.dt)):
             self._body.advance_turning(np.zeros(len(WHEELS)), 0.0)
         rest = self._body.motion()
         self._rest_loads = self._body.wheel_loads()

@@ -50,7 +50,7 @@ _AS_FAST = 0.98
 """Share of a reference's mean speed from which a feasible path counts as fast as it is."""
 JUDGE = "mujoco"
 """Plant that stands for the robot where controllers and gains are judged."""
-PRACTICABLE = 0.9
+_PRACTICABLE = 0.9
 """Share of the robot's greatest motion that a path may ask for; what is left is for corrections."""
 
 
@@ -294,14 +294,14 @@ def _keeps(waypoints: Waypoints, slowed: Waypoints) -> bool:
 
 
 def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot) -> Waypoints:
-    """Return the reference as `PRACTICABLE` of the robot's motion can follow it.
+    """Return the reference as `_PRACTICABLE` of the robot's motion can follow it.
 
     It is the reference itself where that is not too fast.
 
     Raises:
         ValueError: the reference turns back, or on the spot.
     """
-    limits = limits_of([robot], waypoints.speed, PRACTICABLE)
+    limits = limits_of([robot], waypoints.speed, _PRACTICABLE)
     if _keeps(waypoints, feasible(waypoints, limits, at_rest=False)):
         return waypoints
     return feasible(waypoints, limits)
@@ -313,7 +313,7 @@ def open_path(
     """Return name and waypoints of a reference, see `open_reference`, and sentences on them.
 
     Waypoints or a file that are given a speed [m/s] are a path without times: it becomes what
-    `PRACTICABLE` of the motion of all the robots can follow. A reference that has a name, and
+    `_PRACTICABLE` of the motion of all the robots can follow. A reference that has a name, and
     waypoints that keep their times, stay as they are.
 
     Raises:
@@ -340,7 +340,7 @@ def open_path(
                 f"the robot's limit is {able:g} m/s"
             )
         return label, waypoints, []
-    limits = limits_of(robots, speed, PRACTICABLE)
+    limits = limits_of(robots, speed, _PRACTICABLE)
     try:
         path = feasible(waypoints, limits)
     except ValueError as error:

@@ -27,7 +27,7 @@ from validation.plants.profile import Pace
 
 HEADLINE_HORIZON = 6.0
 """Horizon whose errors stand for a plant where only one has room [s], or the one closest to it."""
-BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
+_BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 """Lengths of the windows whose errors say how uncertainty grows [s]."""
 _STANDING_SHARE = 0.1
 """Share of windows without any motion from which they are worth a sentence."""
@@ -122,7 +122,7 @@ def score(
     held = {}
     for horizon in horizons:
         if steps := signed_windows(driven, horizon, horizon_windows):
-            standing = count_windows(pieces, horizon, horizon_windows, True)
+            standing = _count_windows(pieces, horizon, horizon_windows, True)
             errors[horizon] = horizon_errors(*_sizes(steps), standing)
         if steps := signed_windows(driven, horizon):
             windows[horizon] = WindowErrors(horizon, *_sizes(steps))
@@ -154,7 +154,7 @@ def _held(steps: Sequence[_Windows], band: Band) -> dict[str, tuple[float, float
     return held
 
 
-def count_windows(
+def _count_windows(
     pieces: Iterable[Piece], horizon: float, cut: WindowCut, standing: bool = False
 ) -> int:
     """Return the number of windows of some pieces in which the robot moves, or stands."""
@@ -195,7 +195,7 @@ def band_of(parts: Sequence[Driven], by_log: bool = False) -> Band | None:
     drives it whose numbers the others gave.
     """
     unseen = []
-    for horizon, (k, driven) in product(BAND_HORIZONS, enumerate(parts)):
+    for horizon, (k, driven) in product(_BAND_HORIZONS, enumerate(parts)):
         steps = signed_windows(driven, horizon)
         total = sum(len(starts) for _, starts, _, _ in steps)
         first = 0
@@ -219,8 +219,8 @@ def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:
 
 def standing_sentences(source: Source, horizon: float) -> list[str]:
     """Return a sentence on a log in which the robot stands in many windows; none for others."""
-    standing = count_windows(source.pieces, horizon, overlapping_windows, True)
-    moving = count_windows(source.pieces, horizon, overlapping_windows)
+    standing = _count_windows(source.pieces, horizon, overlapping_windows, True)
+    moving = _count_windows(source.pieces, horizon, overlapping_windows)
     share = standing / max(standing + moving, 1)
     if share < _STANDING_SHARE:
         return []

@@ -256,7 +256,7 @@ def source_of(
         inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
         piece = Piece(
             commands=replace(commands, before=(first, second)),
-            start=initial_state(t, pose[s], fresh[s], wheels[s][0]),
+            start=_initial_state(t, pose[s], fresh[s], wheels[s][0]),
             t=t,
             reference=replace(motion, channels=channels),
             fresh=on_time[s],
@@ -328,7 +328,7 @@ def commands_on_grid(
     return Commands(dt, np.column_stack(columns), kind)
 
 
-def initial_state(t: FloatArray, pose: FloatArray, fresh: BoolArray, wheels: FloatArray) -> State:
+def _initial_state(t: FloatArray, pose: FloatArray, fresh: BoolArray, wheels: FloatArray) -> State:
     """Return the first of (M, 3) poses at stamps [s], and the constant twist that fits best there.
 
     A straight line is fitted to yaw; then, along that yaw, the arc p(t) = p_0 + t sinc(w t / 2)

@@ -127,7 +127,7 @@ def _fault(path: Path, error: BaseException) -> str:
     return f"{path}:{line}: {shortened(words, 160)}"
 
 
-def load_user_object(name: str) -> tuple[Any, Path]:
+def _load_user_object(name: str) -> tuple[Any, Path]:
     """Return the object that `FILE.py:NAME` names, and its file.
 
     The file is run as a module, with its own folder on the path of imports.
@@ -178,7 +178,7 @@ def _file_of(item: Any) -> Path:
 def _loaded(given: Any) -> tuple[Any, Path]:
     """Return a user's class or function, itself or by `FILE.py:NAME`, and its file."""
     if isinstance(given, str):
-        return load_user_object(given)
+        return _load_user_object(given)
     return given, _file_of(given)
 
 
@@ -223,7 +223,7 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     """Make the user's planar model, itself or by `FILE.py:NAME`, a plant; return the names added.
 
     Raises:
-        ValueError: an error of `load_user_object`, it is no `PlanarLaw`, or it cannot be compiled
+        ValueError: an error of `_load_user_object`, it is no `PlanarLaw`, or it cannot be compiled
             and driven.
     """
     if given is None:
@@ -232,7 +232,7 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     if isinstance(given, PlanarLaw):
         path = Path(given.name)
     else:
-        law, path = load_user_object(given)
+        law, path = _load_user_object(given)
     if not isinstance(law, PlanarLaw):
         raise ValueError(f"{path}: {given} is {_shown(law)}, wanted a PlanarLaw")
     add_model(law)
@@ -254,7 +254,7 @@ def load_user_metric(given: Callable[[Trajectory, Trajectory], float] | str) -> 
     """Return the user's metric: the function itself, or by `FILE.py:NAME`.
 
     Raises:
-        ValueError: an error of `load_user_object`, it is no function, or its name is that of
+        ValueError: an error of `_load_user_object`, it is no function, or its name is that of
             another metric.
     """
     rate, path = _loaded(given)

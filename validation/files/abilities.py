@@ -18,7 +18,7 @@ FATAL = (
     *("unrelated", "same", "frame", "counter"),
 )
 """Kinds of faults with which no fit makes sense, as long as they are not put right."""
-WINDOW_S = 6.0
+_WINDOW_S = 6.0
 """Length of the windows over which predictions are judged [s]."""
 _PARTS = 3.0
 """A log is fitted on all but one of so many parts of it, and judged on that."""
@@ -57,10 +57,10 @@ def too_short(group: Group) -> str:
     """Return a sentence on a group of poses that has no window between its gaps; else nothing."""
     edges = [float(group.t[0]), *np.ravel(group.gaps()), float(group.t[-1])]
     longest = float(np.max(np.diff(edges)[::2]))
-    if longest >= WINDOW_S:
+    if longest >= _WINDOW_S:
         return ""
     return (
-        f"{longest:.3g} s without a gap are too short for a window of {WINDOW_S:g} s: "
+        f"{longest:.3g} s without a gap are too short for a window of {_WINDOW_S:g} s: "
         "drive for a minute or more"
     )
 
@@ -76,7 +76,7 @@ def lacks(log: Log) -> Iterator[str]:
     if short:
         yield short
         return
-    if whole < _PARTS * WINDOW_S:
+    if whole < _PARTS * _WINDOW_S:
         yield (
             f"the last third of {whole:.3g} s is too short to judge on: drive for a minute or more"
         )

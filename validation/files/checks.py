@@ -69,7 +69,7 @@ _LONG_PART_S = 20.0
 
 
 # ------------------------------------------------------------------------------------------ time
-def time_unit(e: LogSignals) -> Iterator[LogFault]:
+def _time_unit(e: LogSignals) -> Iterator[LogFault]:
     """Time in another unit: turns and ways of the pose are too fast by the same factor."""
     rows = all(np.all(np.diff(group.t) == 1.0) for group in e.log.groups.values())
     factors = []
@@ -91,7 +91,7 @@ def time_unit(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("clock", ("t", *POSE_COLUMNS), sentence)
 
 
-def other_clock(e: LogSignals) -> Iterator[LogFault]:
+def _other_clock(e: LogSignals) -> Iterator[LogFault]:
     """Headings that are so late behind the gyro or the wheels that no delay explains it."""
     if e.turns is None:
         return
@@ -107,7 +107,7 @@ def other_clock(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("clock", POSE_COLUMNS, sentence)
 
 
-def growing_delay(e: LogSignals) -> Iterator[LogFault]:
+def _growing_delay(e: LogSignals) -> Iterator[LogFault]:
     """A clock that runs at another rate: the delay of headings grows through the log."""
     from scipy import stats  # here: it takes a tenth of a second to import
 
@@ -161,7 +161,7 @@ def smoothed(e: LogSignals) -> Iterator[LogFault]:
 
 # ------------------------------------------------------------------------------------------
 # columns of wheels
-def same_columns(e: LogSignals) -> Iterator[LogFault]:
+def _same_columns(e: LogSignals) -> Iterator[LogFault]:
     """Both wheels from one column, although the robot turns."""
     if e.wheels is not None and e.turning is not None and np.array_equal(*e.wheels):
         if np.mean(np.abs(e.turning) > MOVES) > 0.1:
@@ -198,7 +198,7 @@ def positions(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("counter" if wrapped else "positions", ENCODERS, sentence)
 
 
-def single_samples(e: LogSignals) -> Iterator[LogFault]:
+def _single_samples(e: LogSignals) -> Iterator[LogFault]:
     """Counters that wrap, spikes and dropouts: single samples that no wheel reaches."""
     for name, least in (("enc_left", 5.0), ("enc_right", 5.0), ("gyro_z", 2.0)):
         if not e.log.has((name,)):
@@ -224,7 +224,7 @@ def single_samples(e: LogSignals) -> Iterator[LogFault]:
             yield LogFault("counter" if wraps else "spikes", (name,), sentence)
 
 
-def unsigned_wheels(e: LogSignals) -> Iterator[LogFault]:
+def _unsigned_wheels(e: LogSignals) -> Iterator[LogFault]:
     """Encoders that tell no direction: never negative, although the robot drives backwards."""
     raw = [e.log.columns[name] for name in ENCODERS if e.log.has((name,))]
     v = e.along
@@ -286,7 +286,7 @@ def pushed(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("slip", ENCODERS, sentence)
 
 
-def unlike_sides(e: LogSignals) -> Iterator[LogFault]:
+def _unlike_sides(e: LogSignals) -> Iterator[LogFault]:
     """Wheels of one side that are faster than the robot moves, always or while they slip."""
     if e.wheels is None or e.along is None:
         return
@@ -322,7 +322,7 @@ def unlike_sides(e: LogSignals) -> Iterator[LogFault]:
 
 # ------------------------------------------------------------------------------------------
 # commands, gyro and pose
-def commands_of_wheels(e: LogSignals) -> Iterator[LogFault]:
+def _commands_of_wheels(e: LogSignals) -> Iterator[LogFault]:
     """Commands that are those of two wheels."""
     asked = [e.signals[name] for name in TWIST if name in e.signals]
     if e.wheels is None or e.turning is None or len(asked) < 2:
@@ -332,7 +332,7 @@ def commands_of_wheels(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("swapped", TWIST, sentence)
 
 
-def other_commands(e: LogSignals) -> Iterator[LogFault]:
+def _other_commands(e: LogSignals) -> Iterator[LogFault]:
     """Commands that resemble nothing that the robot did."""
     along = e.along
     if along is None and e.wheels is not None:
@@ -359,7 +359,7 @@ def other_commands(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("unrelated", TWIST, sentence)
 
 
-def gyro_against_heading(e: LogSignals) -> Iterator[LogFault]:
+def _gyro_against_heading(e: LogSignals) -> Iterator[LogFault]:
     """A gyro that differs from the heading's rate by an offset, more and more, or by a factor."""
     gyro = e.signals.get("gyro_z")
     turning = e.signals.get("yaw")
@@ -397,7 +397,7 @@ def gyro_against_heading(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("scale", ("gyro_z",), sentence)
 
 
-def turned_path(e: LogSignals) -> Iterator[LogFault]:
+def _turned_path(e: LogSignals) -> Iterator[LogFault]:
     """A path that goes at an angle to its heading, or is counted along the robot."""
     s = e.signals
     if e.along is None or not (np.any(s["x"]) and np.any(s["y"])):
@@ -425,7 +425,7 @@ def turned_path(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("frame", ("x", "y"), sentence)
 
 
-def speeds_for_places(e: LogSignals) -> Iterator[LogFault]:
+def _speeds_for_places(e: LogSignals) -> Iterator[LogFault]:
     """Positions that are speeds: their size follows the wheels."""
     pose = e.log.groups.get("pose")
     wheels = e.log.groups.get("wheels")
@@ -484,7 +484,7 @@ def _changes(values: object) -> FloatArray:
     return np.abs(np.diff(np.asarray(values, dtype=np.float64), prepend=math.nan))
 
 
-def too_large(e: LogSignals) -> Iterator[LogFault]:
+def _too_large(e: LogSignals) -> Iterator[LogFault]:
     """Numbers that are larger than a robot's can be."""
     for name, values in e.log.columns.items():
         column = column_of(name)
@@ -500,27 +500,27 @@ def too_large(e: LogSignals) -> Iterator[LogFault]:
 Check = Callable[[LogSignals], Iterator[LogFault]]
 CHECKS: Mapping[Check, float] = {
     circular: 0.0,
-    time_unit: 0.0,
-    other_clock: 0.0,
+    _time_unit: 0.0,
+    _other_clock: 0.0,
     positions: 6.0,
-    same_columns: 6.0,
-    unsigned_wheels: 6.0,
+    _same_columns: 6.0,
+    _unsigned_wheels: 6.0,
     set_points: 6.0,
-    single_samples: 0.0,
+    _single_samples: 0.0,
     frozen: 6.0,
-    commands_of_wheels: 20.0,
-    other_commands: 20.0,
-    growing_delay: 20.0,
+    _commands_of_wheels: 20.0,
+    _other_commands: 20.0,
+    _growing_delay: 20.0,
     smoothed: 20.0,
-    gyro_against_heading: 20.0,
-    turned_path: 20.0,
-    speeds_for_places: 6.0,
+    _gyro_against_heading: 20.0,
+    _turned_path: 20.0,
+    _speeds_for_places: 6.0,
     pushed: 6.0,
-    unlike_sides: 6.0,
+    _unlike_sides: 6.0,
     units: 6.0,
     contradictions: 6.0,
     other_axis: 6.0,
-    too_large: 0.0,
+    _too_large: 0.0,
 }
 """The tests, in their order, and the shortest log that each says anything of [s]. A new one is a
 function and its line here."""

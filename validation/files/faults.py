@@ -102,14 +102,14 @@ def twist_of(group: Group | None) -> WheelTwist | None:
     return None
 
 
-def wheel_twist(log: Log) -> WheelTwist | None:
+def _wheel_twist(log: Log) -> WheelTwist | None:
     """Return the motion by a log's encoders or else its odometry; None without either."""
     return twist_of(log.groups.get("wheels")) or twist_of(log.groups.get("odom"))
 
 
 def standing(log: Log, t: FloatArray) -> BoolArray:
     """Return (N,) whether the robot stood at instants `t` [s], by its wheels; False without any."""
-    wheels = wheel_twist(log)
+    wheels = _wheel_twist(log)
     if wheels is None:
         return np.zeros(len(t), dtype=bool)
     stamps, v, w = wheels
@@ -243,7 +243,7 @@ def find_jumps(log: Log) -> Jumps | None:
     median ratio of the driven steps to the wheels' paths says by how much, jumps or not.
     """
     poses = new_poses(log)
-    twist = wheel_twist(log) or twist_of(log.groups.get("cmd"))
+    twist = _wheel_twist(log) or twist_of(log.groups.get("cmd"))
     if poses is None or twist is None:
         return None
     group, new, t, pose = poses

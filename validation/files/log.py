@@ -76,9 +76,9 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(
 )
 """Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is
 asked for."""
-ANY_COLUMN = Column("", "channels", 1e100)
+_ANY_COLUMN = Column("", "channels", 1e100)
 """Any other column."""
-GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         group: tuple(name for name, column in COLUMNS.items() if column.group == group)
         for group in dict.fromkeys(column.group for column in COLUMNS.values())
@@ -137,7 +137,7 @@ _FEW_STEPS = 100
 
 def column_of(name: str) -> Column:
     """Return the properties of a column."""
-    return COLUMNS.get(name, ANY_COLUMN)
+    return COLUMNS.get(name, _ANY_COLUMN)
 
 
 def is_column_name(name: str) -> bool:
@@ -344,7 +344,7 @@ class Log:
             raise FileError(path, f"{odd[0]!r} is no name of a column")
         if not any(name in RECORDED for name in columns):
             raise FileError(path, _NOTHING)
-        members: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
+        members: dict[str, dict[str, FloatArray]] = {name: {} for name in _GROUPS}
         try:
             t = frozen_array(columns["t"], "t", (None,))
             for name, given in columns.items():
@@ -455,7 +455,7 @@ class Log:
 
         Args:
             rate: samples a second [Hz]. None: the stamps that the groups share, or the rate of the
-                first group of `GROUPS`.
+                first group of `_GROUPS`.
 
         Raises:
             FileError: the groups do not overlap, leave nothing between their gaps, hold no column
@@ -499,7 +499,7 @@ class Log:
         """
         measured = [g for name, g in self.groups.items() if name != "cmd"]
         measured = measured or list(self.groups.values())
-        first = self.groups[min(self.groups, key=[*GROUPS, *self.groups].index)]
+        first = self.groups[min(self.groups, key=[*_GROUPS, *self.groups].index)]
         if rate is None and all(np.array_equal(g.t, first.t) for g in measured):
             return first.t
         dt = _usual_step(first.t) if rate is None else 1.0 / rate

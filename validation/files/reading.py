@@ -145,8 +145,8 @@ def read_text(path: str | Path, most_bytes: int = _MOST_TEXT) -> str:
 # ------------------------------------------------------------------------------------------
 # documents
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Return the document of a TOML file; its errors are those of `read_text` and `parse_toml`."""
-    return parse_toml(read_text(path), str(path))
+    """Return the document of a TOML file; its errors are those of `read_text` and `_parse_toml`."""
+    return _parse_toml(read_text(path), str(path))
 
 
 def load_named(
@@ -166,14 +166,14 @@ def load_named(
             f"no {what} '{one_line(name)}'; there are: {', '.join(shipped)}; "
             "or give the path of a file"
         )
-    document = parse_toml(read_text(path), f"{what} {one_line(name)}")
+    document = _parse_toml(read_text(path), f"{what} {one_line(name)}")
     try:
         return parse(document)
     except ValueError as error:
         raise ValueError(f"{what} {one_line(name)}: {one_line(error)}") from error
 
 
-def parse_toml(text: str, name: str) -> dict[str, Any]:
+def _parse_toml(text: str, name: str) -> dict[str, Any]:
     """Return the document of a TOML text, where numbers may be infinite.
 
     Raises:

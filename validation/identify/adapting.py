@@ -37,7 +37,7 @@ class Adapted(NamedTuple):
     """Its motion over each piece of the log, put together from what each set of numbers drives."""
 
 
-class Past:
+class _Past:
     """A problem whose errors are those of windows that have ended."""
 
     robust = True
@@ -80,7 +80,7 @@ def adapted_along(
     for begin, end in zip((-np.inf, *changes), (*changes, np.inf), strict=True):
         known = ends <= begin
         if known.any():
-            past = Past(problem, driven, known)
+            past = _Past(problem, driven, known)
             point, _ = descend(past, point, Remembered(), 1, lambda: None)
         plant = plant_on(problem, point, source)
         motions = motions_of(problem, plant, source)

@@ -203,7 +203,7 @@ class SyncRater(Rater):
 
 
 @jit_alone
-def path_costs(poses, truth, k_rms, k_haus, k_ratio, out):
+def _path_costs(poses, truth, k_rms, k_haus, k_ratio, out):
     """Write the (S,) costs of (S, M, 3) poses against the (N, 3) true ones, by Eq. 3.1.
 
     A cost is K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio|.
@@ -290,7 +290,7 @@ class PathRater(SyncRater):
         costs = np.empty(len(poses))
 
         def write(i: int, k: int) -> None:
-            path_costs(poses[i:k], truth, s.k_rms, s.k_haus, s.k_ratio, costs[i:k])
+            _path_costs(poses[i:k], truth, s.k_rms, s.k_haus, s.k_ratio, costs[i:k])
 
         share_among_threads(write, len(poses), workers)
         return self._share * costs

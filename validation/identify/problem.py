@@ -47,7 +47,7 @@ from validation.workers import rate_there
 
 _CHUNK = 256
 """Candidates whose motions are kept at once where one loop drives them: tens of megabytes."""
-COARSER = 2.5
+_COARSER = 2.5
 """Ratio of the physics step of a search along a log to the profile's [1]: 5 ms for 2 ms. It moves a
 Husky's path by about a millimetre in 6 s, mostly a lag of two to three steps, which is nearly the
 same for neighbouring candidates."""
@@ -190,7 +190,7 @@ class FitProblem:
         if not self.robust or self.model != STANDARD:
             return None
         numbers = self.base.parameters
-        step = COARSER * numbers.timestep
+        step = _COARSER * numbers.timestep
         try:
             for period in {self.base.drive.hold, *(source.sample_dt for source in self.sources)}:
                 whole_steps(period, step, "the period")

@@ -29,26 +29,26 @@ widest direction [1]."""
 STEP = 0.02
 """Step of the finite differences, in the unit cube. Delays are rounded to steps of the physics, 2
 ms of usually 0.6 s, so a much smaller one would measure the rounding."""
-INSIDE = 1e-6
+_INSIDE = 1e-6
 """Distance from the bounds that the search keeps, in the unit cube."""
 NEAR_BOUND = 1e-3
 """Distance from a bound within which it holds a parameter, in the unit cube."""
-TOLERANCE = 1e-4
+_TOLERANCE = 1e-4
 """Relative change of the sum of squares, or of the point, at which least squares end."""
 FINE = 1e-6
 """The same where motions are cheap."""
-MOST_DESCENT = 25
+_MOST_DESCENT = 25
 """Greatest number of steps from one start, with one scale."""
-MOST_FINE = 60
+_MOST_FINE = 60
 """The same where motions are cheap."""
-TRIAL = 10
+_TRIAL = 10
 """Number of steps after which a later start may be given up."""
 HOPELESS = 2.0
 """Ratio of its errors to those at the best end before, beyond which it is given up [1]."""
-MOST_SCALES = 5
+_MOST_SCALES = 5
 """Greatest number of times that robust least squares begin with a new scale, the errors' median
 size: far from the optimum all errors are large, and the scale with them."""
-SAME_SCALE = 0.8
+_SAME_SCALE = 0.8
 """Ratio of a scale to the one before, beyond which there is no new one [1]."""
 
 
@@ -127,7 +127,7 @@ def arrivals(
     """Yield the (n,) ends of least squares from some of (S, n) candidates with (S,) costs.
 
     The first start is the best candidate. A later one is the end before it with some parameters
-    reset to mid-range, see `restart_in_middle`, or else the best candidate that is far from all
+    reset to mid-range, see `_restart_in_middle`, or else the best candidate that is far from all
     that was visited. What was `driven` before is not driven again, and `on_step` is called after
     every population. An interrupt passes through.
     """
@@ -137,7 +137,7 @@ def arrivals(
 
     visited: list[FloatArray] = []
     least = math.inf
-    start = next_start(points, costs, visited)
+    start = _next_start(points, costs, visited)
     for k in range(starts):
         if start is None:
             return
@@ -148,13 +148,13 @@ def arrivals(
         start = None
         if k + 1 < starts and math.isfinite(size):
             errors, slopes = error_slopes(errors_at, end)
-            errors = in_one_unit(errors, problem, median_size(errors, problem))
-            start = restart_in_middle(errors, slopes, end, visited)
+            errors = _in_one_unit(errors, problem, median_size(errors, problem))
+            start = _restart_in_middle(errors, slopes, end, visited)
         if start is None:
-            start = next_start(points, costs, visited)
+            start = _next_start(points, costs, visited)
 
 
-def next_start(
+def _next_start(
     points: FloatArray, costs: FloatArray, visited: Sequence[FloatArray]
 ) -> FloatArray | None:
     """Return the (n,) best of (S, n) candidates far from all visited points; None for none."""
@@ -164,7 +164,7 @@ def next_start(
     return None
 
 
-def restart_in_middle(
+def _restart_in_middle(
     errors: FloatArray, slopes: FloatArray, end: FloatArray, visited: Sequence[FloatArray]
 ) -> FloatArray | None:
     """Return an (n,) end of least squares with what misled them reset to mid-range.
@@ -244,15 +244,15 @@ def descend(
         return errors
 
     def errors(point: FloatArray) -> FloatArray:
-        return in_one_unit(errors_at(point[None])[0], problem, unit)
+        return _in_one_unit(errors_at(point[None])[0], problem, unit)
 
     def jacobian(point: FloatArray) -> FloatArray:
-        slopes = in_one_unit(error_slopes(errors_at, point)[1].T, problem, unit).T
+        slopes = _in_one_unit(error_slopes(errors_at, point)[1].T, problem, unit).T
         # an impossible neighbour says nothing
         return np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)
 
     # least squares want a start strictly within the bounds
-    begin = np.clip(start, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
+    begin = np.clip(start, 2.0 * _INSIDE, 1.0 - 2.0 * _INSIDE)
     first = errors_at(begin[None])[0]
     if not np.isfinite(first).all():
         return start, math.inf
@@ -260,15 +260,15 @@ def descend(
     # a prior whose unit were the large errors of a start would hold the search there
     unit = 0.0
     end = begin
-    box = (np.full(n, INSIDE), np.full(n, 1.0 - INSIDE))
-    tolerance = TOLERANCE
-    descent = MOST_DESCENT
+    box = (np.full(n, _INSIDE), np.full(n, 1.0 - _INSIDE))
+    tolerance = _TOLERANCE
+    descent = _MOST_DESCENT
     if problem.cheap:
         tolerance = FINE
-        descent = MOST_FINE
-    descents = [descent] * (MOST_SCALES if robust else 1)
+        descent = _MOST_FINE
+    descents = [descent] * (_MOST_SCALES if robust else 1)
     if math.isfinite(goal):
-        descents.insert(0, TRIAL)
+        descents.insert(0, _TRIAL)
     for most in descents:
         driven.correct(begin)
         end = least_squares(
@@ -284,21 +284,21 @@ def descend(
             gtol=None,
             max_nfev=most,
         ).x
-        begin = np.clip(end, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
+        begin = np.clip(end, 2.0 * _INSIDE, 1.0 - 2.0 * _INSIDE)
         before = scale
         last = errors_at(end[None])[0]
         scale = median_size(last, problem)
-        size = total_size(in_one_unit(last, problem, scale), robust)
+        size = _total_size(_in_one_unit(last, problem, scale), robust)
         # a trial has too few steps to judge its scale by
         hopeless = size > HOPELESS * goal
-        settled = most != TRIAL and scale > SAME_SCALE * before
+        settled = most != _TRIAL and scale > _SAME_SCALE * before
         if hopeless or (settled and (unit or not problem.pulls)):
             break
         unit = scale
     return np.asarray(end), size
 
 
-def total_size(errors: FloatArray, robust: bool) -> float:
+def _total_size(errors: FloatArray, robust: bool) -> float:
     """Return the size of all errors: the root of the sum of squares, or the sum of sizes."""
     if robust:
         return float(np.abs(errors).sum())
@@ -310,7 +310,7 @@ def median_size(errors: FloatArray, problem: Residuals) -> float:
     return max(float(np.median(np.abs(errors[: len(errors) - problem.pulls]))), 1e-12)
 
 
-def in_one_unit(errors: FloatArray, problem: Residuals, size: float) -> FloatArray:
+def _in_one_unit(errors: FloatArray, problem: Residuals, size: float) -> FloatArray:
     """Return a problem's (..., K) errors with the pulls in the unit of the others, their size."""
     scaled = errors.copy()
     scaled[..., errors.shape[-1] - problem.pulls :] *= size

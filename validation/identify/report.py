@@ -119,7 +119,7 @@ _MEANINGS = {
 """What parameters are whose names are symbols, or might be read as something else."""
 
 
-def meaning_of(name: str) -> str:
+def _meaning_of(name: str) -> str:
     """Return in words what a parameter is; an empty text where its name says it."""
     number, _, _ = name.partition("@")
     return _MEANINGS.get(number, "")
@@ -210,10 +210,10 @@ class SearchReport(Report, ABC):
         `heading` names their column, and `before` that of their values before the search.
         """
         has_errors = any(p.standard_error is not None for p in self.parameters)
-        has_meanings = any(meaning_of(p.name) for p in self.parameters)
+        has_meanings = any(_meaning_of(p.name) for p in self.parameters)
         rows = []
         for p in self.parameters:
-            meaning = {"meaning": meaning_of(p.name)} if has_meanings else {}
+            meaning = {"meaning": _meaning_of(p.name)} if has_meanings else {}
             error = {"standard_error": p.standard_error} if has_errors else {}
             rows.append(
                 {
@@ -277,7 +277,7 @@ def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     """Draw the parameters within their bounds: value, 95 % interval and value of before."""
     ax.set(xlim=(0.0, 1.0), ylim=(len(report.parameters) - 0.45, -0.6), xticks=[])
     ax.set_title(f"Values within their bounds, 95 % intervals (bars) and {before} (ticks)")
-    names = [f"{meaning_of(p.name)}  {p.name}".strip() for p in report.parameters]
+    names = [f"{_meaning_of(p.name)}  {p.name}".strip() for p in report.parameters]
     ax.set_yticks(range(len(names)), names)
     ax.tick_params(length=0.0, pad=46.0)
     ax.spines[:].set_visible(False)

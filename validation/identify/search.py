@@ -30,7 +30,7 @@ from validation.identify.refine import STARTS, Corrected, Remembered, arrivals
 from validation.identify.tuning import TuneProblem
 from validation.output import Progress
 
-CHECKPOINT = "checkpoint.npz"
+_CHECKPOINT = "checkpoint.npz"
 """Name of the file in the results' folder that keeps a search's state."""
 # options that a result file has at other places, or that decide no number
 _LEFT_OUT = {
@@ -111,12 +111,12 @@ class Searching(cli.Common):
     @property
     def checkpoint(self) -> Path | None:
         """File in the folder `out` that keeps the search's state; None without a folder."""
-        return None if self.out is None else self.out / CHECKPOINT
+        return None if self.out is None else self.out / _CHECKPOINT
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
         result = "profile.toml" if self.folder().parts[1] == "fit" else "gains.toml"
-        return (*super().writes(), result, CHECKPOINT)
+        return (*super().writes(), result, _CHECKPOINT)
 
     def settings(self, usual: JdeSettings) -> JdeSettings:
         """Return the optimiser's settings: the usual ones, with the sizes that are given.

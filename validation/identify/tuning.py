@@ -40,7 +40,7 @@ TuneMeasure = Literal["metres", "path", "time"]
 TARGET_SHARE = 0.1
 """Weight of the distance to the moving target in the measure `metres`, beside that to the path: a
 robot that keeps to its path and comes late is preferred to one that hurries and leaves it."""
-GUARD_DISTANCE = 1.0
+_GUARD_DISTANCE = 1.0
 """Distance from its target within which the robot must stay for the stability guard [m]."""
 
 
@@ -339,7 +339,7 @@ class TuneProblem:
         if self._late and kept:
             runs = self._runs(case, self._late[k], [laws[i] for i in kept], workers)
             for i, run in zip(kept, runs, strict=True):
-                if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
+                if run.lost or float(np.abs(run.column("e_rho")).max()) > _GUARD_DISTANCE:
                     costs[i] = np.inf
         return costs
 

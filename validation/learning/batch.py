@@ -51,7 +51,7 @@ class EpisodeRows(NamedTuple):
 
 
 @jit_alone
-def plan_ticks(rows: EpisodeRows, which: Any, actions: FloatArray, references: FloatArray) -> None:
+def _plan_ticks(rows: EpisodeRows, which: Any, actions: FloatArray, references: FloatArray) -> None:
     """Record (k, 2) commands of the robots `which`; write their (k, n, 2) wheel rates to come."""
     for j in range(len(which)):
         i = which[j]
@@ -98,7 +98,7 @@ def write_view(
 
 
 @jit_alone
-def observe_rows(
+def _observe_rows(
     rows: EpisodeRows,
     qpos: FloatArray,
     qvel: FloatArray,
@@ -237,13 +237,13 @@ class TrackBatch:
         if len(going):
             references = np.empty((len(going), self.source.steps, 2))
             pushes = self._pushes[going, self._rows.ticks[going]]
-            plan_ticks(self._rows, going, commands[going], references)
+            _plan_ticks(self._rows, going, commands[going], references)
             some = None if len(going) == len(self) else going
             self._bodies.advance(references, pushes, some)
         bodies = self._bodies
         observations = np.empty((len(self), len(self._bounds)))
         away = np.empty(len(self))
-        observe_rows(
+        _observe_rows(
             self._rows,
             bodies.qpos,
             bodies.qvel,

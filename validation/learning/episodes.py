@@ -34,7 +34,7 @@ thesis' robot."""
 ERRORS = 5
 """Numbers of a target in an observation: e_rho, e_y [m], e_alpha [rad], its speed [m/s] and yaw
 rate [rad/s]."""
-LOST_TRACKS = 2.0
+_LOST_TRACKS = 2.0
 """Distance from the target at which an episode ends, over the robot's track [1]; 1.1 m for a
 Husky."""
 # Greatest deviations of a drawn robot from its profile [1].
@@ -44,19 +44,19 @@ MASS = 0.1
 """Of mass and inertia, over the profile's."""
 DELAY = 0.25
 """Of the dead times, over the profile's."""
-RADIUS_DIFFERENCE = 0.01
+_RADIUS_DIFFERENCE = 0.01
 """Of the left radii from the right, over the radius."""
-CENTRE = 0.1
+_CENTRE = 0.1
 """Of the centre of mass, over wheelbase and track."""
-START_PLACE = 0.5
+_START_PLACE = 0.5
 """Greatest deviation of a drawn start from the reference's in x and y, over the track [1]."""
-START_YAW = 0.5
+_START_YAW = 0.5
 """Greatest deviation of a drawn start from the reference's heading [rad]."""
 CURVATURE = 1.3
 """Greatest curvature of a drawn reference times the track [1]."""
-YAW_SHARE = 0.45
+_YAW_SHARE = 0.45
 """Greatest share of the drive's yaw rate that a drawn reference asks for [1]."""
-SPEED_SHARE = 0.8
+_SPEED_SHARE = 0.8
 """Greatest share of the drive's speed that is drawn [1]."""
 
 
@@ -168,7 +168,7 @@ class EpisodeSource:
         latest = max(max(d.delay_v, d.delay_w) + d.command_ramp for d in drives)
         self.past = 1 + math.ceil((1.0 + DELAY) * latest / VELOCITY_PERIOD - 1e-9)
         self.track = 2.0 * first.parameters.half_track
-        self.lost = LOST_TRACKS * self.track
+        self.lost = _LOST_TRACKS * self.track
 
     @cached_property
     def top(self) -> FloatArray:
@@ -213,10 +213,10 @@ class EpisodeSource:
         section = self.sections[int(rng.integers(len(self.sections)))]
         calibration, drive = self._draw_robot(section, rng)
         slowest, fastest = self.task.speeds
-        limit = max(SPEED_SHARE * drive.v_max, slowest)
+        limit = max(_SPEED_SHARE * drive.v_max, slowest)
         speed = float(rng.uniform(slowest, min(fastest, limit)))
         if self.waypoints is None:  # a winding path that is long enough
-            most = min(CURVATURE / self.track, YAW_SHARE * drive.w_max / speed)
+            most = min(CURVATURE / self.track, _YAW_SHARE * drive.w_max / speed)
             piece = 1.5 * self.track
             count = 2 + math.ceil(speed * self.task.seconds / piece)
             waypoints = winding(speed, rng.uniform(-most, most, count).tolist(), piece)
@@ -248,9 +248,9 @@ class EpisodeSource:
             friction=min(c.friction * (1.0 + FRICTION * friction), 5.0),
             mass=c.mass * (1.0 + MASS * mass),
             yaw_inertia=c.yaw_inertia * (1.0 + MASS * mass),
-            radius_difference=c.radius_difference + RADIUS_DIFFERENCE * radius * c.wheel_radius,
-            com_x=c.com_x + CENTRE * x * section.robot.wheelbase,
-            com_y=c.com_y + CENTRE * y * 2.0 * c.half_track,
+            radius_difference=c.radius_difference + _RADIUS_DIFFERENCE * radius * c.wheel_radius,
+            com_x=c.com_x + _CENTRE * x * section.robot.wheelbase,
+            com_y=c.com_y + _CENTRE * y * 2.0 * c.half_track,
         )
         factor = 1.0 + DELAY * delay
         return calibration, replace(d, delay_v=factor * d.delay_v, delay_w=factor * d.delay_w)
@@ -259,8 +259,8 @@ class EpisodeSource:
         self, first: State, speed: float, drive: Drive, rng: np.random.Generator
     ) -> State:
         """Return a state near the first waypoint, rolling straight ahead."""
-        place = START_PLACE * self.track
-        x, y, yaw = self.task.spread * rng.uniform(-1.0, 1.0, 3) * (place, place, START_YAW)
+        place = _START_PLACE * self.track
+        x, y, yaw = self.task.spread * rng.uniform(-1.0, 1.0, 3) * (place, place, _START_YAW)
         v = self.task.spread * float(rng.uniform(0.0, speed))
         wheels = wheel_rates(v, 0.0, drive.command_half_track, drive.command_radius)
         return State(

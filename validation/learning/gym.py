@@ -31,7 +31,7 @@ except ImportError as missing:
     ) from missing
 from gymnasium import spaces
 
-TRACK_ID = "ssmr/Track-v0"
+_TRACK_ID = "ssmr/Track-v0"
 """Name of the environment."""
 
 FloatRow = NDArray[np.float32]
@@ -125,4 +125,4 @@ def _picture_model(robot: Robot) -> mujoco.MjModel:
     return spec.compile()
 
 
-gymnasium.register(id=TRACK_ID, entry_point=TrackEnv)
+gymnasium.register(id=_TRACK_ID, entry_point=TrackEnv)

@@ -100,7 +100,7 @@ def defaults(kind: type, robot: Robot) -> Any:
     return replace(numbers, **scaled)
 
 
-def kinematic_defaults(robot: Robot) -> KinematicParameters:
+def _kinematic_defaults(robot: Robot) -> KinematicParameters:
     """Return the kinematic model of a robot by mechanics.
 
     Where the robot's weight is off the middle, its centres of rotation are those of the turn on the
@@ -176,13 +176,13 @@ def declare(name: str) -> PlantKind:
     return PlantKind(
         name,
         law.parameters,
-        kinematic_defaults if name == "kinematic" else partial(defaults, law.parameters),
+        _kinematic_defaults if name == "kinematic" else partial(defaults, law.parameters),
         lambda section, *_: PlanarPlant(model_of(section)),
         _KINEMATIC if law.ideal else free,
         colour=law.colour,
         vehicle=law.vehicle,
         drive=drive,
-        together=PlanarPopulation,
+        together=_PlanarPopulation,
     )
 
 
@@ -191,7 +191,7 @@ def _tyred(section: PlantProfile, *_: object) -> FourWheelPlant:
     return FourWheelPlant(section.parameters, section.drive)
 
 
-class PlanarPopulation:
+class _PlanarPopulation:
     """Candidates of a model that one compiled loop drives on all threads."""
 
     def __init__(

@@ -42,7 +42,7 @@ def _declared(
     return tuple(out)
 
 
-FOLLOWED = 15.0
+_FOLLOWED = 15.0
 """Greatest acceleration that a search tries for a body on tyres [m/s2]: 1.5 g, the most that a
 friction of 1.5 can follow. Beyond some 20 m/s2 its motions are alike, and searches end on that
 plain. A planar model without limits of its motors follows any."""
@@ -51,7 +51,7 @@ plain. A planar model without limits of its motors follows any."""
 def _followed(number: Parameter) -> Parameter:
     if number.name != "acceleration_v":
         return number
-    return replace(number, upper=min(number.upper, FOLLOWED))
+    return replace(number, upper=min(number.upper, _FOLLOWED))
 
 
 @lru_cache(maxsize=64)
@@ -76,7 +76,7 @@ def searchable(plant: str, robot: Robot) -> tuple[Parameter, ...]:
 
 OF_A_LOG = ("tracked_yaw", "position_late", "yaw_late")
 """Numbers of the localiser that differ from log to log: its mount, and how late it is."""
-OF_A_GROUND = ("friction", "mu_c", "mu_s", "mu_d", "k_y", "rolling_resistance", "u_x", "k_u")
+_OF_A_GROUND = ("friction", "mu_c", "mu_s", "mu_d", "k_y", "rolling_resistance", "u_x", "k_u")
 """Numbers that differ from ground to ground: each plant's friction and rolling resistance."""
 
 
@@ -119,7 +119,7 @@ def split_by_log(
         tags: Iterable[str] = ()
         if name in OF_A_LOG:
             tags = logs
-        elif name in OF_A_GROUND:
+        elif name in _OF_A_GROUND:
             tags = grounds
         split += [f"{name}@{tag}" for tag in tags] or [name]
     return tuple(split)

@@ -46,7 +46,7 @@ class Unit:
 METRES = Unit("m", 1.0, 3)
 MILLIMETRES = Unit("mm", 1e3, 1)
 DEGREES = Unit("deg", 180.0 / math.pi, 2)
-PERCENT = Unit("%", 100.0, 1)
+_PERCENT = Unit("%", 100.0, 1)
 _ENDINGS: Mapping[str, Unit] = {
     "_m_s2": Unit("m/s²", 1.0, 2),
     "_rad_s2": Unit("rad/s²", 1.0, 2),
@@ -64,8 +64,8 @@ _ENDINGS: Mapping[str, Unit] = {
     "_us": Unit("µs", 1e6, 1),
     "_ms": Unit("ms", 1e3, 2),
     "_s": Unit("s", 1.0, 2),
-    "_share": PERCENT,
-    "_fraction": PERCENT,
+    "_share": _PERCENT,
+    "_fraction": _PERCENT,
 }
 """Units by the ending of a key, longer endings first; a key of `_us` or `_ms` holds seconds, as all
 values are SI."""

@@ -84,7 +84,7 @@ _DASHES: dict[str, Dashes] = {
 }
 
 
-def look_of(track: Track) -> dict[str, Any]:
+def _look_of(track: Track) -> dict[str, Any]:
     """Return the properties of a motion's line: the reference's is broad, and behind the others."""
     is_reference = track.reference is None
     return {
@@ -170,7 +170,7 @@ class Comparison(Motions):
                 if marked:
                     marker = _MARKERS.get(track.name, "o")
             label = f"{track.name}\n{about}"
-            legend.append(key_line(label, marker=marker, **look_of(track)))
+            legend.append(key_line(label, marker=marker, **_look_of(track)))
         if self._by_speed:
             label = "command\nas given"
             legend.append(key_line(label, color=_COMMAND_INK, linewidth=1.0))
@@ -183,7 +183,7 @@ class Comparison(Motions):
         for track in self.tracks():
             first = track.pieces[0]
             paths = [(piece.pose[:, 0], piece.pose[:, 1]) for piece in track.pieces]
-            ax.plot(*joined(paths), **look_of(track))
+            ax.plot(*joined(paths), **_look_of(track))
             draw_dart(ax, track.pieces[-1].pose[-1], track.name, 12.0)
             self._draw_band(track, (0, 0, len(first) - 1), first.pose[0], ax)
         draw_ring(ax, *map(float, self.truth[0].xy[0]))
@@ -196,7 +196,7 @@ class Comparison(Motions):
         for track in self.tracks():
             pose = track.pieces[i].pose
             seen = relative(pose[a], pose[a : b + 1])
-            ax.plot(seen[:, 0], seen[:, 1], **look_of(track))
+            ax.plot(seen[:, 0], seen[:, 1], **_look_of(track))
             self._draw_band(track, window, np.zeros(3), ax)
             draw_dart(ax, seen[-1], track.name, 12.0)
         draw_ring(ax, 0.0, 0.0)
@@ -301,7 +301,7 @@ class Comparison(Motions):
             k = (piece.t >= span[0]) & (piece.t <= span[1])
             if k.any():
                 parts.append((piece.t[k] - begin, values(piece)[k]))
-        ax.plot(*joined(parts), **look_of(track) | look)
+        ax.plot(*joined(parts), **_look_of(track) | look)
         ax.set_xlim(span[0] - begin, span[1] - begin)
         label = "time [s]"
         if begin:
@@ -359,7 +359,7 @@ class Comparison(Motions):
         for track in others:
             pairs = zip(track.pieces, self.truth, strict=True)
             errors = [(true.t - begin, scale * error(piece, true)) for piece, true in pairs]
-            ax.plot(*joined(errors), **look_of(track))
+            ax.plot(*joined(errors), **_look_of(track))
         ax.set(title=f"{title} at equal times", xlabel="time [s]", xlim=(0.0, end - begin))
         at_least(ax, 1e-3)
 

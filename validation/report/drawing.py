@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 # A figure is 1600 px wide.
-WIDTH_IN = 12.8
-DPI = 125
-EDGE_IN = 0.12
-STYLE = Path(__file__).with_name("style.mplstyle")
+_WIDTH_IN = 12.8
+_DPI = 125
+_EDGE_IN = 0.12
+_STYLE = Path(__file__).with_name("style.mplstyle")
 
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[["Axes"], None]
@@ -297,23 +297,23 @@ def draw_page(
 
     labels = [str(line.get_label()) for line in legend]
     longest = max((len(line) for label in labels for line in label.split("\n")), default=1)
-    across = max(1, min(len(labels), int(WIDTH_IN / (_KEY_IN + _CHARACTER_IN * longest))))
+    across = max(1, min(len(labels), int(_WIDTH_IN / (_KEY_IN + _CHARACTER_IN * longest))))
     lines_of_label = max((1 + label.count("\n") for label in labels), default=0)
     deep = math.ceil(len(labels) / across) * lines_of_label
     text = "\n".join(map(_wrapped, notes))
     below = _LINE_IN * (text.count("\n") + 2.2) if notes else 0.0
     heights = [_TITLE_IN + _LINE_IN * deep, *(row.height for row in rows)]
-    with matplotlib.style.context(["default", STYLE]):
+    with matplotlib.style.context(["default", _STYLE]):
         tall = sum(heights) + below + _FOOT_IN
-        figure = Figure(figsize=(WIDTH_IN, tall), dpi=DPI, layout="constrained")
+        figure = Figure(figsize=(_WIDTH_IN, tall), dpi=_DPI, layout="constrained")
         FigureCanvasAgg(figure)
         heights.append(below + _FOOT_IN)
         head, *parts, tail = figure.subfigures(
             len(heights), 1, height_ratios=heights, squeeze=False
         ).flat
-        edge = EDGE_IN / WIDTH_IN
+        edge = _EDGE_IN / _WIDTH_IN
         heading = abridged(title, _LONGEST_TITLE)
-        head.text(edge, 1.0 - EDGE_IN / heights[0], heading, va="top", color=ink, **_TITLE)
+        head.text(edge, 1.0 - _EDGE_IN / heights[0], heading, va="top", color=ink, **_TITLE)
         if legend:
             head.legend(handles=legend, loc="lower left", ncols=across, **_KEY)
         for part, row in zip(parts, rows, strict=True):
@@ -368,5 +368,5 @@ def save_figure(figure: Figure, path: Path) -> None:
         resolution = (figure.dpi, figure.dpi)
         write_atomic(path, lambda part: pixels.save(part, dpi=resolution, compress_level=1))
         return
-    with matplotlib.style.context(["default", STYLE]):
+    with matplotlib.style.context(["default", _STYLE]):
         write_atomic(path, lambda temporary: figure.savefig(temporary, dpi=figure.dpi))

@@ -212,7 +212,7 @@ class Motions(Report):
                 "path longer."
             )
         else:
-            caption += point_sentences(self.runs)
+            caption += _point_sentences(self.runs)
             caption += self.profile.origins(self.runs, self.source.name)
             caption += self._unlike_torques()
         caption += health_warnings(self.runs)
@@ -485,7 +485,7 @@ def alike_sentences(scores: Mapping[str, Scores], alike: Mapping[str, Any] | Non
     return sentences
 
 
-def point_sentences(runs: Mapping[str, Run]) -> list[str]:
+def _point_sentences(runs: Mapping[str, Run]) -> list[str]:
     """Return a sentence that says at which points of the robots the paths are taken."""
     points = {name: r.localiser.point for name, r in runs.items()}
     if not np.any(list(points.values())):

@@ -63,10 +63,10 @@ def calibration_page(
         *map("\n".join, others),
         "\n".join(["## Faults of the log", "", *listed, "", "## Notes", "", *notes, "", _NEXT]),
     ]
-    return html_page(one_line(report.title), parts)
+    return _html_page(one_line(report.title), parts)
 
 
-def html_page(title: str, parts: Iterable[str | Figure]) -> str:
+def _html_page(title: str, parts: Iterable[str | Figure]) -> str:
     """Return a page of pieces of markdown and of figures, which are inside it as PNG."""
     body = ""
     for part in parts:

@@ -121,7 +121,7 @@ class Report:
         if verdict := self.verdict():
             lines += [f"**{markdown(verdict)}**", ""]
         for name, values in (("options", self.options), ("versions", self.versions)):
-            given = [f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None]
+            given = [f"{one_line(k)} {_option_text(v)}" for k, v in values.items() if v is not None]
             lines.append(f"- {name}: {code_span(', '.join(given) or 'none')}")
         for table in tables:
             lines += ["", *section(table)]
@@ -207,17 +207,17 @@ class Report:
         words = []
         for name, value in self.options.items():
             if value not in (None, False, ()):
-                words.append(f"{name} {option_text(value)}")
+                words.append(f"{name} {_option_text(value)}")
         for name in ("ssmr-testbed", "mujoco"):
             if name in self.versions:
                 words.append(f"{name} {self.versions[name]}")
         return " · ".join(words)
 
 
-def option_text(value: object) -> str:
+def _option_text(value: object) -> str:
     """Return an option as it is written; several values, such as horizons, are joined by commas."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        return ",".join(map(option_text, value))
+        return ",".join(map(_option_text, value))
     return f"{value:g}" if isinstance(value, float) else one_line(value)

@@ -168,7 +168,7 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
     unit = length_unit(errors)
     plots: dict[str, Series] = {}
     for track in scene.tracks:
-        plots |= plots_of(track, unit)
+        plots |= _plots_of(track, unit)
     plots |= scene.plots
     extent = extent_of(scene.tracks)
     recording.send_blueprint(_layout(scene, plots, extent))
@@ -388,7 +388,7 @@ def _write_series(
         _send(recording, entity, gaps, rr.Clear.columns(is_recursive=[False] * len(gaps)))
 
 
-def plots_of(track: Track, length: Unit) -> dict[str, Series]:
+def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
     """Return the lines over time of one robot by entity.
 
     They are velocities, errors (in `length`), torques and the forces of the ground.

@@ -155,7 +155,7 @@ _PROSE = 30
 """Width down to which the last column, if it holds sentences, is wrapped."""
 
 
-def rich_table(table: Table, width: int | None = None) -> Group:
+def _rich_table(table: Table, width: int | None = None) -> Group:
     """Draw a table for the terminal, its caption below; foreign texts are no markup.
 
     Args:
@@ -237,7 +237,7 @@ def print_tables(
         console.print(Text(each_line(f"{verdict}\n"), style="bold"))
     for table in tables:
         if table.rows:
-            console.print(rich_table(table, console.width))
+            console.print(_rich_table(table, console.width))
     for note in notes:
         console.print(Text(each_line(note)))
 

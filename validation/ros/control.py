@@ -210,7 +210,7 @@ class ControlNode:
                 _logger.warning("the robot obeys again: it goes on")
         if follower.late > LATE and not self._warned_late:
             self._warned_late = True
-            _logger.warning("%s", late_sentence(follower.late))
+            _logger.warning("%s", _late_sentence(follower.late))
 
     def _take(self, messages: Sequence[tuple[str, Any]]) -> None:
         o = self._options
@@ -235,7 +235,7 @@ class ControlNode:
                 self._follower.update(stamp, seen._replace(v=v, w=w), now)
 
 
-def late_sentence(late: float) -> str:
+def _late_sentence(late: float) -> str:
     """Return a sentence about feedback that is late by some time [s]."""
     return (
         f"the robot answers {late:.2f} s later than its profile says: "
@@ -357,7 +357,7 @@ def _remarks(follower: PathFollower, status: str) -> list[str]:
             "that time is left out."
         )
     if follower.late > LATE:
-        remarks.append(f"Warning: {late_sentence(follower.late)}.")
+        remarks.append(f"Warning: {_late_sentence(follower.late)}.")
     return remarks
 
 

@@ -30,7 +30,7 @@ ODOM = "odom"
 BASE = "base_link"
 IMU = "imu_link"
 WORLD = "world"
-MOST_DISTANCE = 1e6
+_MOST_DISTANCE = 1e6
 """Greatest plausible coordinate in a message [m]; doubles keep 0.1 nm there."""
 MOST_RATE = 100.0
 """Greatest plausible speed [m/s] and yaw rate [rad/s] in a message; no robot of this kind comes
@@ -224,8 +224,8 @@ def _read_stamp(message: Any) -> float:
 
 
 def _read_pose(pose: Any) -> tuple[float, float, float]:
-    x = plausible("position.x", pose.position.x, MOST_DISTANCE)
-    y = plausible("position.y", pose.position.y, MOST_DISTANCE)
+    x = plausible("position.x", pose.position.x, _MOST_DISTANCE)
+    y = plausible("position.y", pose.position.y, _MOST_DISTANCE)
     orientation = [(f"orientation.{axis}", getattr(pose.orientation, axis)) for axis in "wxyz"]
     quat = np.array([plausible(name, value, _MOST_COMPONENT) for name, value in orientation])
     length = float(np.linalg.norm(quat))

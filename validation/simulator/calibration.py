@@ -215,7 +215,7 @@ class Calibration:
             "com_z": com_z,
             "gain": robot.gain,
             "armature": robot.armature,
-            "capsule_half_width": CAPSULE_SHARE * robot.wheel_width,
+            "capsule_half_width": _CAPSULE_SHARE * robot.wheel_width,
             "timestep": robot.timestep,
             "wheel_shape": robot.wheel_shape,
             "friction": robot.friction,
@@ -223,5 +223,5 @@ class Calibration:
         return cls(robot, **{**numbers, **changes})
 
 
-CAPSULE_SHARE = 1.0 / 16.0
+_CAPSULE_SHARE = 1.0 / 16.0
 """Half the distance between a capsule's contact points over the width of the tyre [1]; assumed."""

@@ -20,7 +20,7 @@ from validation.simulator.physics import Impedance
 
 VISUAL_GROUP = 2
 """Geoms of this group are looks; contact shapes are in another."""
-SPOKES = 3
+_SPOKES = 3
 """Spokes drawn on a wheel: one sees it turn."""
 IMPEDANCE = (0.1, 0.95)
 """Impedance of the soft contact at the surface and at full depth [1]. A hard one would let skidding
@@ -218,8 +218,8 @@ def _add_wheel(base: Any, robot: Robot, wheel: str, place: list[float]) -> None:
     spoke = _look(mjtGeom.mjGEOM_BOX, [0.45 * radius, 1.03 * half, 0.06 * radius], _DARK)
     body.add_geom(name=f"{wheel}_rubber", **rubber)
     body.add_geom(name=f"{wheel}_hub", **hub)
-    for k in range(SPOKES):
-        body.add_geom(name=f"{wheel}_spoke{k}", euler=[0, math.pi * k / SPOKES, 0], **spoke)
+    for k in range(_SPOKES):
+        body.add_geom(name=f"{wheel}_spoke{k}", euler=[0, math.pi * k / _SPOKES, 0], **spoke)
 
 
 def _add_sensors(spec: mujoco.MjSpec) -> None:

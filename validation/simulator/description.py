@@ -46,17 +46,17 @@ GRADES = ("measured", "datasheet", "published", "fitted", "assumed")
 
 GRAVITY = 9.81
 """[m/s2]; list of symbols of the thesis, and MuJoCo's default."""
-SERVO_TIME = 0.0914
+_SERVO_TIME = 0.0914
 """Time constant of a side's speed loop where a file says no gain, over sqrt(wheel radius / g) [1]:
 apparent inertia of a side over K_P, as on the thesis' robot, where it is 11.9 ms."""
-INTEGRAL_TIME = 1.137
+_INTEGRAL_TIME = 1.137
 """K_P over K_I of a side's speed loop where a file says no integral_gain, over sqrt(wheel radius /
 g) [1]; no leak."""
-STEP_SHARE = 0.0205
+_STEP_SHARE = 0.0205
 """Greatest physics step where a file does not say it, over sqrt(wheel radius / g) [1]: wheels of
 less than 9.3 cm get shorter steps than 2 ms. Some of the smallest would move 1.7 % of their way off
 with those, and 0.6 % with 1 ms."""
-LONGEST_STEP = 0.002
+_LONGEST_STEP = 0.002
 """Physics step of robots with larger wheels [s]."""
 ROTOR_SHARE = 0.1
 """Rotor inertia of a wheel over mass times wheel radius squared where a file does not say it [1]
@@ -130,14 +130,14 @@ class Robot:
     """Sliding friction of tyre on ground [1]."""
     gain: float = parameter(0.0, unit="N m s/rad", low=0.0, high=1e7)
     """K_P of a side's speed loop [N m s/rad]; 0: such that the loop has the time constant
-    `SERVO_TIME`."""
+    `_SERVO_TIME`."""
     armature: float = parameter(0.0, unit="kg m2", low=0.0, high=1e4)
     """Rotor inertia of a wheel through its gear [kg m2]; 0: `ROTOR_SHARE` of mass times wheel
     radius squared."""
     wheel_shape: WheelShape = "ellipsoid"
     """Contact shape of the tyres."""
     timestep: float = parameter(0.0, unit="s", low=0.0, high=0.01)
-    """Physics step [s]; 0: 2 ms, halved until it is at most `STEP_SHARE` of sqrt(wheel radius /
+    """Physics step [s]; 0: 2 ms, halved until it is at most `_STEP_SHARE` of sqrt(wheel radius /
     g)."""
     drive: Drive = field(default_factory=Drive)
     """Motor controller as the robot's maker ships it."""
@@ -237,7 +237,7 @@ class Robot:
         """
         if "drive.integral_gain" in self.given:
             return self.drive
-        time = INTEGRAL_TIME * math.sqrt(self.wheel_radius / GRAVITY)
+        time = _INTEGRAL_TIME * math.sqrt(self.wheel_radius / GRAVITY)
         integral_gain = self.gain / time
         return replace(self.drive, integral_gain=integral_gain, dc_stiffness=math.inf)
 
@@ -515,11 +515,11 @@ def _complete_motors(robot: Robot) -> dict[str, Any]:
     inertia = 0.5 * robot.mass * radius2 + 2.0 * armature  # of a side
     unit = math.sqrt(robot.wheel_radius / GRAVITY)  # of time
     # halves of the longest step, so that the step divides the periods of commands and samples
-    halvings = max(0, math.ceil(math.log2(LONGEST_STEP / (STEP_SHARE * unit))))
+    halvings = max(0, math.ceil(math.log2(_LONGEST_STEP / (_STEP_SHARE * unit))))
     return {
         "armature": armature,
-        "gain": robot.gain or inertia / (SERVO_TIME * unit),
-        "timestep": robot.timestep or LONGEST_STEP / 2**halvings,
+        "gain": robot.gain or inertia / (_SERVO_TIME * unit),
+        "timestep": robot.timestep or _LONGEST_STEP / 2**halvings,
     }
 
 

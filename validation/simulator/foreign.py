@@ -248,12 +248,12 @@ def tried(
         ValueError: MuJoCo cannot, or not within `ALLOWANCE`, or a file is not to be had.
     """
     place = None if folder is None else str(folder.resolve())
-    answer = guarded.ask(compile_foreign, [text, place, tolerant], ALLOWANCE)
+    answer = guarded.ask(_compile_foreign, [text, place, tolerant], ALLOWANCE)
     (whole, names), parts = answer
     return whole, dict(zip(names, parts, strict=True))
 
 
-def compile_foreign(text: str, folder: str | None, tolerant: bool) -> guarded.Answer:
+def _compile_foreign(text: str, folder: str | None, tolerant: bool) -> guarded.Answer:
     """Compile a text with the files of a folder and no others; return it, their names and bytes."""
     files = {}
     if folder is not None:

@@ -15,7 +15,7 @@ LIFT_SHARE = 0.02
 """A wheel whose load falls below this share of its mean has left the ground."""
 DEVIATION_LIMIT = 0.10
 """Greatest standard deviation of a wheel's load on flat ground, as a share of its mean."""
-TREMBLE_SHARE = 0.01
+_TREMBLE_SHARE = 0.01
 """Deviation of the loads' sum over the weight from which on the loads tremble.
 
 On level ground the sum is the weight and the force that lifts the body, and a robot that drives on
@@ -27,7 +27,7 @@ START_TIME = 2.5
 The robot sets off and its body comes to rest. Of a run shorter than twice that, the second half is
 judged.
 """
-PUSH_SHARE = 0.028
+_PUSH_SHARE = 0.028
 """Thrust for measuring the apparent mass, over the weight [1].
 
 It is far below the thrust at which a tyre slides.
@@ -57,8 +57,8 @@ What the loads alone do not give is not in it where only they are judged.
 
 
 def trembles(health: Health) -> bool:
-    """Return whether the loads' sum deviates from the weight by more than `TREMBLE_SHARE` of it."""
-    limit: float = TREMBLE_SHARE * health.get("weight_N", 0.0)
+    """Return whether the loads' sum deviates from the weight by more than a share of it."""
+    limit: float = _TREMBLE_SHARE * health.get("weight_N", 0.0)
     return bool(health.get("load_sum_rms_N", 0.0) > limit)
 
 
@@ -100,7 +100,7 @@ def _advised(health: Health) -> Health:
         sentences.append(
             "wheel loads tremble (their sum deviates from the weight by "
             f"{health['load_sum_rms_N']:.1f} N rms, at most "
-            f"{TREMBLE_SHARE * health['weight_N']:.1f} N): {remedy}"
+            f"{_TREMBLE_SHARE * health['weight_N']:.1f} N): {remedy}"
         )
     if "at_limit" in health:
         sentences.append(health["at_limit"])
@@ -129,7 +129,7 @@ def apparent_mass(model: mujoco.MjModel) -> float:
     data = mujoco.MjData(model)
     base = model.body("base").id
     mujoco.mj_step(model, data, nstep=round(_SETTLE_TIME / model.opt.timestep))
-    thrust = PUSH_SHARE * float(model.body_subtreemass[base]) * GRAVITY
+    thrust = _PUSH_SHARE * float(model.body_subtreemass[base]) * GRAVITY
     data.xfrc_applied[base, 0] = thrust
     half = round(0.5 * _PUSH_TIME / model.opt.timestep)
     mujoco.mj_step(model, data, nstep=half)

@@ -23,12 +23,12 @@ from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, Impedance, PhysicsSettings, apply_settings
 from validation.simulator.terrain import FLAT, Terrain
 
-CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
+_CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
 """Points in which each shape of tyre touches level ground."""
-BELT_TIME = 0.030834
+_BELT_TIME = 0.030834
 """Time constant of the belts over sqrt(wheel radius / g) [1], a fifth of the contact's; 4 ms for a
 Husky."""
-READ_SENSORS = frozenset(f"load_{w}" for w in WHEELS) | {f"torque_{w}" for w in WHEELS}
+_READ_SENSORS = frozenset(f"load_{w}" for w in WHEELS) | {f"torque_{w}" for w in WHEELS}
 """Sensors of the simulated robot. The other channels of a run follow from its states, and the IMU
 from a state (`MujocoPlant.imu`); accelerometers would make MuJoCo compute all bodies' accelerations
 at each step."""
@@ -37,7 +37,7 @@ _NET_FORCE = [1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1]
 one."""
 _CLOSE = 1e-8
 """Last relative step of Newton's method for a depth, beyond which rounding remains."""
-LEAST_SHARE = 0.02
+_LEAST_SHARE = 0.02
 """Least load that a tyre's depth is computed for, over a quarter of the weight [1]: a wheel that
 carries nothing sinks nowhere."""
 
@@ -50,7 +50,7 @@ def _compiled(robot: Robot, shape: WheelShape) -> mujoco.MjModel:
     """
     spec = on_ground(robot, shape)
     looks = [geom for geom in spec.geoms if not geom.name.endswith(("_tire", "ground"))]
-    unread = [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]
+    unread = [sensor for sensor in spec.sensors if sensor.name not in _READ_SENSORS]
     for part in looks + unread:
         spec.delete(part)
     pair_with_ground(spec)
@@ -140,9 +140,9 @@ def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = ""
     The contact point lies halfway, so the rolling radius is half of it less than the geom's.
     """
     contact = contact_settings(calibration.robot)
-    shares = np.maximum(calibration.static_shares, 0.25 * LEAST_SHARE)
+    shares = np.maximum(calibration.static_shares, 0.25 * _LEAST_SHARE)
     loads = shares * calibration.mass * GRAVITY
-    points = CONTACT_POINTS[calibration.wheel_shape]
+    points = _CONTACT_POINTS[calibration.wheel_shape]
     weights = model.body_invweight0[robot_parts(model, prefix).wheels, 0].tolist()
     depths = []
     for load, weight in zip(loads, weights, strict=True):
@@ -230,7 +230,7 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     for side in SIDES:
         belt = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_EQUALITY, f"{prefix}belt_{side}")
         if belt >= 0:
-            model.eq_solref[belt] = BELT_TIME * math.sqrt(robot.wheel_radius / GRAVITY), 1.0
+            model.eq_solref[belt] = _BELT_TIME * math.sqrt(robot.wheel_radius / GRAVITY), 1.0
     if model.npair:
         # A capsule's contact frame on a plane: first tangent across the rolling direction, second
         # along it.

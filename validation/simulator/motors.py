@@ -36,7 +36,7 @@ SLIP_INERTIA = 0.04
 """Inertia of a slip over that of the rotors and wheels that its motor turns [1]: it weighs nothing
 in a motion, and a lighter one could not be as stiff as a controller whose integral part hardly
 leaks."""
-SLIP_DAMPING = 0.15
+_SLIP_DAMPING = 0.15
 """Damping of a sliding slip over sqrt(K_I x its inertia) [1]: the spring does not swing about the
 limit."""
 _NO_LIMIT = 1e12
@@ -132,7 +132,7 @@ def _set_integral_part(
     if impedance < _STIFFEST:
         inertia = damping_dt * (1.0 - impedance) / impedance
     model.dof_armature[dof] = inertia
-    model.dof_damping[dof] = SLIP_DAMPING * math.sqrt(stiffness * inertia)
+    model.dof_damping[dof] = _SLIP_DAMPING * math.sqrt(stiffness * inertia)
     model.dof_frictionloss[dof] = min(2.0 * share * drive.torque_limit, _NO_LIMIT)
     model.dof_solimp[dof, :2] = impedance
     model.dof_solref[dof] = -1.0, -impedance / dt

@@ -55,11 +55,11 @@ SOLVING: Mapping[Solver, tuple[float, int]] = {
 """Tolerance and greatest number of iterations of each solver. Conjugate gradients take few
 iterations in the mean and some hundreds in some: stopped at 200, they move a Jackal's path by 0.2
 mm."""
-LIGHT = 51.0
+_LIGHT = 51.0
 """Mass below which the tolerance falls with the mass [kg]; measured, not derived. On trajectory 4
 a tolerance of 3e-10 leaves up to 0.003 mm of a path of a Husky or a Warthog and 0.24 mm of a
 Jackal's, of 17 kg; 1e-10 leaves 0.02 mm of that."""
-EASY_RATIO = 0.5
+_EASY_RATIO = 0.5
 """Friction across a wheel over that along it down to which conjugate gradients converge well: from
 0.2 on they do not."""
 
@@ -74,7 +74,7 @@ def solver_for(settings: PhysicsSettings, friction_ratio: float) -> Solver:
     """
     if settings.solver is not None:
         return settings.solver
-    return "CG" if settings == SHIPPED and friction_ratio >= EASY_RATIO else "Newton"
+    return "CG" if settings == SHIPPED and friction_ratio >= _EASY_RATIO else "Newton"
 
 
 def apply_settings(
@@ -99,7 +99,7 @@ def apply_settings(
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
     option = model.opt
     option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
-    option.tolerance = tolerance * min(1.0, mujoco.mj_getTotalmass(model) / LIGHT)
+    option.tolerance = tolerance * min(1.0, mujoco.mj_getTotalmass(model) / _LIGHT)
     option.iterations = settings.iterations or iterations
     option.impratio = settings.impratio or option.impratio
     if settings.cone is not None:

@@ -42,7 +42,7 @@ PRESCRIBED_LAG = 50.0
 It only makes up for the ground, which moves so heavy wheels by less than 0.2 mm/s, for the
 references lead. It is slow because MuJoCo's contacts know nothing of implicit damping: they see
 wheels that are ahead by up to one over this number of every change."""
-SETTLE_CONSTANTS = 50.0
+_SETTLE_CONSTANTS = 50.0
 """Time for which the robot stands before its resting height is taken, in time constants of the
 contact; 1 s for a Husky."""
 CHANNELS: Mapping[str, slice | int] = {
@@ -138,7 +138,7 @@ class MujocoPlant:
         data = mujoco.MjData(self.model)
         (constant, _), _ = contact_settings(self.calibration.robot)
         with solved_exactly(self.model):
-            mujoco.mj_step(self.model, data, nstep=round(SETTLE_CONSTANTS * constant / self.dt))
+            mujoco.mj_step(self.model, data, nstep=round(_SETTLE_CONSTANTS * constant / self.dt))
         rest = np.array(data.qpos)
         rest[:2] = 0.0
         rest[7:] = 0.0

@@ -17,7 +17,7 @@ from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
 from validation.output import shortened
 
-USAGE = "flat, ramp:slope_deg=NUMBER,toward_deg=0"
+_USAGE = "flat, ramp:slope_deg=NUMBER,toward_deg=0"
 """The forms in which terrains are written."""
 _RAMP = re.compile(r"ramp:(?:slope_deg=)?([^,=]+)(?:,toward_deg=([^,=]+))?")
 
@@ -90,7 +90,7 @@ def parse_terrain(text: str) -> Terrain:
     ramp = _RAMP.fullmatch(text)
     try:
         if ramp is None:
-            raise ValueError(f"wanted {USAGE}")
+            raise ValueError(f"wanted {_USAGE}")
         slope, toward = (math.radians(float(degrees or 0.0)) for degrees in ramp.groups())
         return Terrain(slope, toward)
     except ValueError as error:

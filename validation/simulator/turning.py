@@ -14,9 +14,9 @@ from validation.simulator.health import LIFT_SHARE
 
 SAMPLE = 0.01
 """Period of samples [s]."""
-SPIN_RATE = 0.6
+_SPIN_RATE = 0.6
 """Commanded yaw rate of the turn on the spot [rad/s]."""
-SPIN_TIME = 38.0
+_SPIN_TIME = 38.0
 """Duration of the turn on the spot [s]: about three turns."""
 SPIN_LEAD = 2.0
 """Time in the turn on the spot at which the measurement starts [s]."""
@@ -29,7 +29,7 @@ def held_twist(v: float, w: float, seconds: float) -> Commands:
     return Commands(0.05, np.tile([v, w], (round(seconds / 0.05), 1)))
 
 
-def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> Trajectory:
+def spin(plant: Plant, seconds: float = _SPIN_TIME, rate: float = _SPIN_RATE) -> Trajectory:
     """Turn on the spot at a commanded yaw rate [rad/s]; return the motion, sampled every `SAMPLE`.
 
     Raises:

@@ -92,11 +92,11 @@ class RunsStudy(AnyStudy):
         return tuple(names)
 
 
-FittedLog = tuple[str, Profile, list[str]]
+_FittedLog = tuple[str, Profile, list[str]]
 """A log, the profile that its fits begin with, and the other logs of its robot."""
 
 
-def _runs(o: RunsStudy) -> dict[str, FittedLog]:
+def _runs(o: RunsStudy) -> dict[str, _FittedLog]:
     """Return the runs by name, each log with its robot and the other logs of that.
 
     A run begins without any fit of the robot: a shipped profile may know the second half of the

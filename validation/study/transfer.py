@@ -60,7 +60,7 @@ _REFERENCES = (
 """References of a study that names none; a quick study has the first three."""
 _SPEEDS = (0.25, 0.5)
 """Speeds of the thesis [m/s]; a quick study has the last."""
-SAME_COST = TuneCost(guard=0.0)
+_SAME_COST = TuneCost(guard=0.0)
 """Cost of Sec. 4.3.3 without the LQR's additional term: the same for all laws, so that they can be
 compared."""
 _METRES = TuneCost("metres", guard=0.0)
@@ -106,7 +106,7 @@ Contenders = Mapping[str, tuple[AnyController, GainSet]]
 """Controllers with their gains, by the name that they have in tables."""
 
 
-def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
+def _contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
     """Controllers on a profile, whose own gains take the place of the shipped tuned ones.
 
     Raises:
@@ -155,20 +155,20 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> dict[str, tuple[str
     return missions
 
 
-CostsByGains = Mapping[str, float | int | None]
+_CostsByGains = Mapping[str, float | int | None]
 """Metres, cost (Sec. 4.3.3) and errors of a controller on a reference, None if it lost it; `lost`.
 """
 
 
 def _scores(
     o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints
-) -> list[CostsByGains]:
+) -> list[_CostsByGains]:
     """Drive every controller along a reference, with the same noise and disturbance.
 
     Compiled laws are driven as one population and Python objects, such as mpc, as another.
     """
     target = waypoints.trajectory(LoopSettings().position_period)
-    scores: dict[int, CostsByGains] = {}
+    scores: dict[int, _CostsByGains] = {}
     for compiled in (True, False):
         ranks = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
         if not ranks:
@@ -177,7 +177,7 @@ def _scores(
         chosen = [laws[k] for k in ranks]
         settings = [LoopSettings()] * n
         runs = run_robots([robot] * n, chosen, settings, waypoints, [o.seed], o.workers)
-        costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST)
+        costs = costs_of(runs, target, waypoints.rms_speed, _SAME_COST)
         metres = costs_of(runs, target, waypoints.rms_speed, _METRES)
         for k, run, cost, m in zip(ranks, runs, costs, metres, strict=True):
             errors = {**track_metrics(run, waypoints, robot.limits), "cost": cost, "metres": m}
@@ -396,7 +396,7 @@ def study_transfer(o: TransferStudy) -> Study:
     """
     profile = o.robot_profile()
     robots = {plant: make_robot(profile, plant) for plant in dict.fromkeys((JUDGE, *o.plants))}
-    contenders = contenders_of(o, profile)
+    contenders = _contenders_of(o, profile)
     laws = [law for law, _ in contenders.values()]
     options = o
     if isinstance(o.workers, str):

@@ -66,9 +66,10 @@ def first_points(
         if name not in (*space.names, *numbers):
             raise ValueError(f"guess names {name}, which is not free")
     values = []
-    for name, number, value in zip(space.names, numbers, before, strict=True):
+    within = np.clip(before, space.lower, space.upper)
+    for name, number, value in zip(space.names, numbers, within, strict=True):
         values.append(named.get(name, named.get(number, value)))
-    return space.points(np.clip([values], space.lower, space.upper))
+    return space.points(np.array([values]))
 
 
 def begin_at(
@@ -106,8 +107,10 @@ def begin_at(
     for sign in (-1.0, 1.0):
         tracked = first.localiser.tracked_x - p.x_icr + sign * icr
         start = {**numbers, "com_x": sign * x, "tracked_x": tracked}
-        guess = {name: start[name] for name in body.space.names if name in start}
-        points.append(first_points(guess, body.space, before))
+        values = [
+            start.get(name, value) for name, value in zip(body.space.names, before, strict=True)
+        ]
+        points.append(first_points(None, body.space, np.array(values)))
     costs = (body.coarser() or body).costs(np.concatenate(points), None, o.raters)
     return points[int(np.argmin(costs))]
 

@@ -16,11 +16,12 @@ import pytest
 
 from tests.conftest import exit_status
 from tests.test_objective import recorded
-from validation.calibrate import calibrate
+from validation.calibrate import calibrate, within_bounds
 from validation.descriptions.loading import load_robot
 from validation.files.csv_logs import write_csv
+from validation.fit import fit
 from validation.plants.profile import Profile, load_profile
-from validation.plants.searchable import with_values
+from validation.plants.searchable import make_space, with_values
 
 TRUTH = {"alpha_l": 0.95, "alpha_r": 0.91, "y_l": 0.45, "y_r": -0.52, "drift": 0.12}
 
@@ -47,6 +48,23 @@ def calibrated(log: Path, out: Path, *arguments: str) -> dict[str, Any]:
         == 0
     )
     return dict(json.loads((out / "calibrate.json").read_text()))
+
+
+def test_a_driver_of_one_plant_begins_within_the_bounds_of_another(log: Path) -> None:
+    """A limit that the log never reaches may end anywhere, here beyond what MuJoCo's may be."""
+    driver = fit(
+        "kinematic",
+        log,
+        profile="thesis-lab",
+        input="commands",
+        free=("acceleration_v", "delay"),
+        bounds={"acceleration_v": (50.0, 60.0)},
+        search="lsq",
+    )
+    begun = within_bounds(driver, "mujoco", {})
+    most = make_space("mujoco", ["acceleration_v"], {}, driver.base.robot).upper[0]
+    assert begun["acceleration_v"] == most < 50.0
+    assert begun["delay"] == pytest.approx(driver.parameters[1].value)
 
 
 def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ from validation.identify.beginning import FIRST_FITTED
 from validation.identify.targets import Input, Span, split_ground
 from validation.output import Progress, file_name, one_line, said_once
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.searchable import OF_A_LOG
+from validation.plants.searchable import OF_A_LOG, make_space
 from validation.plants.table import PLANTS, plant_kind
 from validation.report import drawing
 from validation.report.columns import Unit
@@ -501,7 +501,7 @@ def _fits(
             # its run is dear, and the kinematic fit knows where to begin
             settings["search"] = "lsq"
             if "free" in settings:
-                settings["guess"] = {p.name: p.value for p in fits[1].parameters}
+                settings["guess"] = within_bounds(fits[1], plant, settings["bounds"])
         options = Fit(
             plant,
             o.names,
@@ -536,6 +536,15 @@ def _fits(
         if done.status != FINISHED:
             break
     return fits
+
+
+def within_bounds(
+    f: Fitted, plant: str, bounds: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    """Return the numbers of a fit as far as another plant may have them."""
+    space = make_space(plant, [p.name for p in f.parameters], bounds, f.base.robot)
+    values = np.clip([p.value for p in f.parameters], space.lower, space.upper)
+    return dict(zip(space.names, values.tolist(), strict=True))
 
 
 def _of_logs(f: Fitted) -> dict[str, float]:

@@ -26,7 +26,6 @@ from validation.identify.problem import FitProblem
 from validation.output import Progress
 from validation.plants.profile import Profile
 from validation.plants.table import plant_kind
-from validation.study.transfer import study_transfer
 from validation.sweep import sweep
 from validation.tune import tune
 
@@ -82,12 +81,15 @@ def test_a_sweep_and_a_study_are_equal(cluster: Any) -> None:
     here, there = (sweep({"a": 1, "b": 2}, {"m": odd}, workers=w) for w in (1, address))
     assert here.rows == there.rows == [{"variant": "a"}, {"variant": "b", "odd": 5}]
     assert here.notes == there.notes == ["a: m failed: an odd number."]
+    transfer = pytest.importorskip("validation.study.transfer")  # of an appendix
     few: dict[str, Any] = {
         "plants": ("kinematic",),
         "controllers": ("pid:tuned", "lqr:tuned"),
         "references": ("line@0.8",),
     }
-    studies = [study_transfer(workers=w, **few).as_dict()["profiles"] for w in (1, address)]
+    studies = [
+        transfer.study_transfer(workers=w, **few).as_dict()["profiles"] for w in (1, address)
+    ]
     assert studies[0] == studies[1]
 
 

@@ -33,7 +33,8 @@ from validation.simulator.plant import MujocoPlant
 
 _POPULATION = 64
 _LANES = {"improved": 5.5, "coulomb": 6.5, "linear": 4.2, "kinematic": 5.4}
-"""How much quicker lanes must be, by model. The linear one is quick by itself and gains least."""
+"""Lanes must be so many times quicker, by model. The linear one is quick by itself and gains
+least."""
 _STARTS = (
     ("compare --help", 0.0, 0.95),
     ("compare traj4", 16.0, 3.9),

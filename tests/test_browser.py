@@ -1,4 +1,4 @@
-"""What a browser shows of recordings and of the site, where Chromium is installed."""
+"""Recordings and the site are looked at in Chromium, where it is installed."""
 
 from __future__ import annotations
 

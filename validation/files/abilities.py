@@ -1,4 +1,7 @@
-"""What a log shows by itself, found once where it is opened, and what it is good enough for."""
+"""A log is looked at once, where it is opened.
+
+That finds what it shows by itself, and for what it is good enough.
+"""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def move(
     [rad/s2].
     """
     references = Wanted(wheels.left, wheels.right, integral.left, integral.right)
-    v, w, torque_left, torque_right = advance(now.v, now.w, references, disturbance, dt, robot)
+    v, w, torque = advance(now.v, now.w, references, disturbance, dt, robot)
     half = 0.5 * dt
     # Twice the velocities in the middle of the step; ideal wheels have the new ones from its start.
     v_twice = 2.0 * v if robot.ideal else now.v + v
@@ -87,8 +87,8 @@ def move(
         w=w,
         left=rates.left,
         right=rates.right,
-        torque_left=torque_left,
-        torque_right=torque_right,
+        torque_left=torque.left,
+        torque_right=torque.right,
     )
     return moved, integral
 

@@ -19,7 +19,7 @@ from ssmr._jit import jit, sine_cosine
 from ssmr.lanes import LANES, run_population
 from ssmr.models.law import PLANAR_MODELS, Advanced, PlanarLaw, PlanarRobot, planar_law
 from ssmr.parameters import described, parameter
-from ssmr.robot.drive import Wanted, side_rates
+from ssmr.robot.drive import Sides, Wanted, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, State
@@ -46,12 +46,8 @@ def drag(
     resisting = robot.parameters.drag * math.tanh(50.0 * v)
     turning = robot.vehicle.half_track * (right - left) / robot.vehicle.wheel_radius
     thrust = (left + right) / robot.vehicle.wheel_radius - resisting
-    return Advanced(
-        v + dt * thrust / robot.vehicle.mass,
-        w + dt * turning / robot.vehicle.yaw_inertia,
-        left,
-        right,
-    )
+    v_next = v + dt * thrust / robot.vehicle.mass
+    return v_next, w + dt * turning / robot.vehicle.yaw_inertia, Sides(left, right)
 
 
 PlanarLaw("drag", DragParameters, drag)

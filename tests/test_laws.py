@@ -81,7 +81,7 @@ def fast(name: str, lab: Profile) -> tuple[Trajectory, float]:
     weight = 73.3 * 9.81
     if name == "linear":
         vehicle = Vehicle()
-        slowing = coefficients(vehicle_body(packed(vehicle)), packed(parameters)).friction
+        slowing = coefficients(vehicle_body(packed(vehicle)), packed(parameters))[1]
         resistance = slowing * vehicle.mass
     elif name == "improved":
         parameters = replace(parameters, u_x=ROLLING)
@@ -119,7 +119,7 @@ def test_the_linear_model_at_its_motors_limit_is_stepped_exactly(dt: float) -> N
     drive = replace(FREE, torque_limit=2.0)
     plant = PlanarPlant(PlanarModel(LinearParameters(), VEHICLE, drive), dt)
     motion = plant.run(Commands(0.05, np.tile([50.0, 0.0], (20, 1))), State(), 0.05)
-    slowing = coefficients(vehicle_body(packed(VEHICLE)), packed(LinearParameters())).friction
+    slowing = coefficients(vehicle_body(packed(VEHICLE)), packed(LinearParameters()))[1]
     thrust = 2.0 * 2.0 * 2.0 / VEHICLE.wheel_radius
     t = motion.t
     wanted = thrust / (slowing * VEHICLE.mass) * -np.expm1(-slowing * t)

@@ -144,8 +144,9 @@ MODEL = '''"""A kinematic robot whose wheels slip."""
 from dataclasses import dataclass
 
 from ssmr._jit import jit
-from ssmr.models.law import Advanced, PlanarLaw
+from ssmr.models.law import PlanarLaw
 from ssmr.parameters import check_parameters, parameter
+from ssmr.robot.drive import Sides
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,7 @@ class SlipParameters:
 @jit
 def advance(v, w, wheels, disturbance, dt, robot):
     moved = 0.5 * robot.vehicle.wheel_radius * (1.0 - robot.parameters.slip)
-    return Advanced(moved * (wheels.left + wheels.right), 0.0 * w, 0.0, 0.0)
+    return moved * (wheels.left + wheels.right), 0.0 * w, Sides(0.0, 0.0)
 
 
 def gap_m(motion, reference):

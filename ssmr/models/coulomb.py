@@ -6,7 +6,7 @@ It keeps x_ICR, a and b; the simplified model of Sec. 2.2.3 is the case x_ICR = 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from ssmr._jit import jit
 from ssmr.models.friction import sign
@@ -33,16 +33,11 @@ class CoulombParameters:
         check_parameters(self)
 
 
-class CoulombConstants(NamedTuple):
-    """Numbers that the law derives from its parameters."""
-
-    rolling: float  # resistance of a side's two wheels [N]
-    skidding: float  # resisting moment of all lateral forces [N m]
-    aside: float  # m x_ICR [kg m]
-
-
-def constants(body: Any, parameters: Any, dt: float) -> CoulombConstants:
+def constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
     """Return the numbers of a law with this friction (Eq. 2.17, 2.19).
+
+    They are the resistance of a side's two wheels [N], the resisting moment of all lateral forces
+    [N m], and m x_ICR [kg m].
 
     A wheel resists with mu N sgn(v) (Eq. 2.18). An axle slides sideways with (b - x_ICR) omega or
     -(a + x_ICR) omega (Eq. 2.7, 2.10), and S^T R has the moment of its force about the centre of
@@ -52,7 +47,7 @@ def constants(body: Any, parameters: Any, dt: float) -> CoulombConstants:
     front = abs(body.b - body.x_icr) * body.load_front
     rear = abs(body.a + body.x_icr) * body.load_rear
     skidding = 2.0 * parameters.mu_c * (front + rear)
-    return CoulombConstants(rolling, skidding, aside=body.mass * body.x_icr)
+    return rolling, skidding, body.mass * body.x_icr
 
 
 @jit
@@ -62,10 +57,10 @@ def resistance(v: float, w: float, robot: PlanarRobot) -> tuple[float, float]:
     They are S^T R = (R_x, M_r - x_ICR F_y).
     """
     c = robot.vehicle.half_track
-    k = robot.constants
-    left = k.rolling * sign(v - c * w)  # wheels 1 and 4
-    right = k.rolling * sign(v + c * w)  # wheels 2 and 3
-    return left + right, k.skidding * sign(w) + c * (right - left)
+    rolling, skidding, _ = robot.constants
+    left = rolling * sign(v - c * w)  # wheels 1 and 4
+    right = rolling * sign(v + c * w)  # wheels 2 and 3
+    return left + right, skidding * sign(w) + c * (right - left)
 
 
 @jit
@@ -78,7 +73,7 @@ def accelerations(
     - tau_L)) / r.
     """
     vehicle = robot.vehicle
-    aside = robot.constants.aside * w
+    aside = robot.constants[2] * w
     rates = side_rates(v, w, vehicle)
     torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
     thrust = thrusts(torque, rates, vehicle, robot.motor)
@@ -104,7 +99,7 @@ def advance(
     dv2, dw2, _ = accelerations(v + dt * dv, w + dt * dw, wheels, resist, robot)
     v_next = v + 0.5 * dt * (dv + dv2)
     w_next = w + 0.5 * dt * (dw + dw2 + disturbance)
-    return Advanced(v_next, w_next, torque.left, torque.right)
+    return v_next, w_next, torque
 
 
 LAW = PlanarLaw(

@@ -9,7 +9,7 @@ law are left out: a robot on a floor meets none.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from ssmr._jit import fused, jit
 from ssmr.errors import ParameterError
@@ -42,19 +42,14 @@ class ImprovedParameters:
             raise ParameterError(f"{numbers}: sliding would grip more than standing")
 
 
-class _ImprovedConstants(NamedTuple):
-    """Numbers that the law derives from its parameters."""
+def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
+    """Return the resistance of all wheels, at rest and in motion [N], and resisting moments.
 
-    rolling: float  # resistance of all wheels, at rest and in motion [N]
-    sticking: float  # greatest resisting moment at rest [N m] (Eq. 2.17, 2.19)
-    skidding: float  # resisting moment in motion [N m]
-
-
-def _constants(body: Any, parameters: Any, dt: float) -> _ImprovedConstants:
+    The latter are the greatest at rest and that in motion [N m] (Eq. 2.17, 2.19).
+    """
     p = parameters
     levers = body.load_levers
-    rolling = p.u_x * body.mass * body.gravity
-    return _ImprovedConstants(rolling, p.mu_s * levers, p.mu_d * levers)
+    return p.u_x * body.mass * body.gravity, p.mu_s * levers, p.mu_d * levers
 
 
 @jit
@@ -121,23 +116,23 @@ def advance(
     acceleration is an active moment, so stiction resists it too.
     """
     vehicle = robot.vehicle
-    k = robot.constants
+    rolling, sticking, skidding = robot.constants
     per_moved = dt * vehicle.per_moved
     per_turned = dt * vehicle.per_turned
     pushed = vehicle.turned * disturbance
     force, moment, torque = active(v, w, wheels, robot)
     moment += pushed
-    friction = improved_friction(force, k.rolling, k.rolling, v)
-    friction_moment = improved_friction(moment, k.sticking, k.skidding, w)
+    friction = improved_friction(force, rolling, rolling, v)
+    friction_moment = improved_friction(moment, sticking, skidding, w)
     v_there = fused(per_moved, force + friction, v)
     w_there = fused(per_turned, moment + friction_moment, w)
     force_there, moment_there, _ = active(v_there, w_there, wheels, robot)
     moment_there += pushed
-    v_next = slide(v, force, force_there, per_moved, k.rolling, k.rolling)
-    w_next = slide(w, moment, moment_there, per_turned, k.sticking, k.skidding)
-    if w == 0.0 and abs(moment) <= k.sticking:
-        w_next = break_away(moment, moment_there, per_turned, k.sticking, k.skidding)
-    return Advanced(v_next, w_next, torque.left, torque.right)
+    v_next = slide(v, force, force_there, per_moved, rolling, rolling)
+    w_next = slide(w, moment, moment_there, per_turned, sticking, skidding)
+    if w == 0.0 and abs(moment) <= sticking:
+        w_next = break_away(moment, moment_there, per_turned, sticking, skidding)
+    return v_next, w_next, torque
 
 
 LAW = PlanarLaw("improved", ImprovedParameters, advance, constants=_constants, colour="#0072b2")

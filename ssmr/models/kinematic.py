@@ -14,12 +14,12 @@ ahead by k v.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Wanted
+from ssmr.robot.drive import Sides, Wanted
 
 
 @dataclass(frozen=True)
@@ -66,18 +66,11 @@ class KinematicParameters:
         check_parameters(self)
 
 
-class _KinematicConstants(NamedTuple):
-    """Numbers that the law derives from its parameters."""
-
-    rolled_left: float  # way of the left side over its wheels' turn, alpha_l r [m/rad]
-    rolled_right: float  # that of the right side [m/rad]
-    per_width: float  # 1 / (y_l - y_r) [1/m]
-
-
-def _constants(body: Any, parameters: Any, dt: float) -> _KinematicConstants:
+def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
+    """Return the ways of both sides over their wheels' turn [m/rad], and 1 / (y_l - y_r) [1/m]."""
     p = parameters
     r = body.wheel_radius
-    return _KinematicConstants(p.alpha_l * r, p.alpha_r * r, 1.0 / (p.y_l - p.y_r))
+    return p.alpha_l * r, p.alpha_r * r, 1.0 / (p.y_l - p.y_r)
 
 
 @jit
@@ -87,9 +80,9 @@ def body_velocity(left: float, right: float, robot: PlanarRobot) -> tuple[float,
     The body's point at y_l moves forward as the left wheels do: v_x - omega y_l = alpha_l r left;
     on the right likewise.
     """
-    k = robot.constants
-    v_left = k.rolled_left * left
-    w = (k.rolled_right * right - v_left) * k.per_width
+    rolled_left, rolled_right, per_width = robot.constants
+    v_left = rolled_left * left
+    w = (rolled_right * right - v_left) * per_width
     return v_left + w * robot.parameters.y_l, w
 
 
@@ -102,7 +95,7 @@ def advance(
     Torques are zero, and disturbances have no effect.
     """
     v_next, w_next = body_velocity(wheels.left, wheels.right, robot)
-    return Advanced(v_next, w_next, 0.0, 0.0)
+    return v_next, w_next, Sides(0.0, 0.0)
 
 
 LAW = PlanarLaw(

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from numba.extending import overload
 
 from ssmr.parameters import numbers_of
-from ssmr.robot.drive import Motor, Wanted
+from ssmr.robot.drive import Motor, Sides, Wanted
 from ssmr.robot.vehicle import Vehicle
 
 PLANAR_MODELS = ("improved", "coulomb", "linear", "kinematic")
@@ -36,19 +36,13 @@ class PlanarRobot(NamedTuple):
     constants: Any  # what `PlanarLaw.constants` returned
 
 
-class Advanced(NamedTuple):
-    """The velocities after a step."""
-
-    v: float  # forward speed [m/s]
-    w: float  # yaw rate [rad/s]
-    torque_left: float  # torque of the left side at the start of the step [N m]
-    torque_right: float  # torque of the right side at the start of the step [N m]
-
-
+Advanced = tuple[float, float, Sides]
+"""Forward speed [m/s] and yaw rate [rad/s] after a step, and the torques of both sides at its start
+[N m]."""
 Advance = Callable[[float, float, Wanted, float, float, PlanarRobot], Advanced]
 """One step of the velocities: v [m/s], omega [rad/s], the motor controllers' references,
-disturbing yaw acceleration [rad/s2], time step [s] and the robot's numbers give the velocities
-after the step."""
+disturbing yaw acceleration [rad/s2], time step [s] and the robot's numbers give what `Advanced`
+says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +59,9 @@ class PlanarLaw:
     """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
     constants: Callable[[Any, Any, float], Any] = lambda body, parameters, dt: parameters
     """Function of the `VehicleBody`, the packed parameters and the physics step [s]. It returns, as
-    named numbers, what the law would otherwise derive at every step: reciprocals, exponentials. A
-    step is fast without divisions. A law that derives nothing has its parameters once more."""
+    a tuple of numbers, what the law would otherwise derive at every step: reciprocals,
+    exponentials. A step is fast without divisions. A law that derives nothing has its parameters
+    once more."""
     vehicle: tuple[str, ...] = (
         "mass",
         "yaw_inertia",

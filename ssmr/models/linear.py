@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -56,22 +56,13 @@ LOAD_SUM = 4.0
 the module's text)."""
 
 
-class Rates(NamedTuple):
-    """Rates of Eq. 2.46.
+def coefficients(body: Any, parameters: Any) -> tuple[float, float, float, float]:
+    """Return loop and friction [1/s], loop_yaw [1/(m s)] and friction_yaw [1/s] of Eq. 2.46.
 
     A_22 = -(loop + friction), B_21 = loop; A_44 = -(loop_yaw c_eff + friction_yaw), B_42 = loop_yaw
     c. With the driver's half-track and c_eff equal to c they are those of the thesis, whose t is
     the track, 2c.
     """
-
-    loop: float  # rate of the speed loop [1/s]
-    friction: float  # rate at which friction slows the speed [1/s]
-    loop_yaw: float  # rate of the yaw loop over the half-track [1/(m s)]
-    friction_yaw: float  # rate at which friction slows the yaw rate [1/s]
-
-
-def coefficients(body: Any, parameters: Any) -> Rates:
-    """Return the rates of Eq. 2.46."""
     moved = body.moved
     turned = body.turned
     mass = body.mass
@@ -81,45 +72,31 @@ def coefficients(body: Any, parameters: Any) -> Rates:
     k_u = parameters.k_u
     k_y = parameters.k_y
     gain = parameters.gain
-    return Rates(
-        loop=2.0 * gain / (r * moved),
-        friction=LOAD_SUM * g * k_u * (mass / moved),
-        loop_yaw=2.0 * gain * c / (r * turned),
-        friction_yaw=mass * g * k_y * c / turned,
-    )
+    loop = 2.0 * gain / (r * moved)
+    friction = LOAD_SUM * g * k_u * (mass / moved)
+    loop_yaw = 2.0 * gain * c / (r * turned)
+    return loop, friction, loop_yaw, mass * g * k_y * c / turned
 
 
-class _LinearConstants(NamedTuple):
-    """Numbers that the law derives from its parameters.
+def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, ...]:
+    """Return how the velocities change in a step `dt` [s], and what slows and drives them.
 
-    Free is a robot whose torques are within their limits, held one with a torque at its limit. The
-    matrices of `exact_step` say how the velocities change in a step, over their accelerations at
-    its start [s].
+    Six numbers say the former, over the accelerations at its start. Four are for a robot whose
+    torques are within their limits: of v over dv/dt [s] and over d(omega)/dt [m s], of omega
+    likewise [s/m] and [s]; unlike radii couple driving and turning. Two are for one with a torque
+    at its limit, where only friction feeds back: of v and of omega [s]. Then come the rates at
+    which friction slows both [1/s], and the gain on wheel rates that the loop's gain means
+    [N m s/rad].
     """
-
-    free_v: float  # of v, over dv/dt [s]
-    free_v_by_w: float  # of v, over d(omega)/dt [m s]: unlike radii couple driving and turning
-    free_w_by_v: float  # of omega, over dv/dt [s/m]
-    free_w: float  # of omega, over d(omega)/dt [s]
-    held_v: float
-    held_w: float
-    friction: float  # rate at which friction slows the speed [1/s]
-    friction_yaw: float  # rate at which friction slows the yaw rate [1/s]
-    gain: float  # gain of the loop on wheel rates that this gain means [N m s/rad]
-
-
-def _constants(body: Any, parameters: Any, dt: float) -> _LinearConstants:
-    rates = coefficients(body, parameters)
+    loop, friction, loop_yaw, friction_yaw = coefficients(body, parameters)
     left = body.per_radius_left**2
     right = body.per_radius_right**2
     both = 0.5 * body.wheel_radius**2 * (left + right)
     uneven = 0.5 * body.wheel_radius**2 * (right - left)
     reach = body.effective_half_track
-    friction = rates.friction
-    friction_yaw = rates.friction_yaw
     matrix = [
-        [-(rates.loop * both + friction), -rates.loop * uneven * reach],
-        [-rates.loop_yaw * uneven, -(rates.loop_yaw * both * reach + friction_yaw)],
+        [-(loop * both + friction), -loop * uneven * reach],
+        [-loop_yaw * uneven, -(loop_yaw * both * reach + friction_yaw)],
     ]
     free = _exact_push(matrix, dt)
     held = _exact_push([[-friction, 0.0], [0.0, -friction_yaw]], dt)
@@ -130,7 +107,7 @@ def _constants(body: Any, parameters: Any, dt: float) -> _LinearConstants:
         friction_yaw,
         parameters.gain * body.wheel_radius,
     )
-    return _LinearConstants(*map(float, numbers))
+    return tuple(map(float, numbers))
 
 
 def _exact_push(matrix: Sequence[Sequence[float]], dt: float) -> FloatArray:
@@ -152,16 +129,17 @@ def matrices(
     The drive's half-track and radius turn the input into wheel speeds; in the thesis both are the
     vehicle's. Controllers are designed on a robot whose wheels have the mean radius on both sides.
     """
-    rates = coefficients(vehicle_body(packed(vehicle)), packed(parameters))
+    body = vehicle_body(packed(vehicle))
+    loop, friction, loop_yaw, friction_yaw = coefficients(body, packed(parameters))
     stretch = vehicle.wheel_radius / drive.command_radius
     a = np.zeros((4, 4))
     b = np.zeros((4, 2))
     a[0, 1] = 1.0
     a[2, 3] = 1.0
-    a[1, 1] = -(rates.loop + rates.friction)
-    b[1, 0] = rates.loop * stretch
-    a[3, 3] = -(rates.loop_yaw * vehicle.effective_half_track + rates.friction_yaw)
-    b[3, 1] = rates.loop_yaw * drive.command_half_track * stretch
+    a[1, 1] = -(loop + friction)
+    b[1, 0] = loop * stretch
+    a[3, 3] = -(loop_yaw * vehicle.effective_half_track + friction_yaw)
+    b[3, 1] = loop_yaw * drive.command_half_track * stretch
     return a, b
 
 
@@ -177,22 +155,23 @@ def advance(
     """
     body = robot.vehicle
     motor = robot.motor
-    k = robot.constants
+    free_v, free_v_by_w, free_w_by_v, free_w, held_v, held_w = robot.constants[:6]
+    friction, friction_yaw, gain = robot.constants[6:]
     actual = side_rates(v, w, body)
-    torque = motor_torques(wheels, actual, k.gain, motor)
+    torque = motor_torques(wheels, actual, gain, motor)
     thrust = thrusts(torque, actual, body, motor)
-    dv = (thrust.left + thrust.right) * body.per_moved - k.friction * v
+    dv = (thrust.left + thrust.right) * body.per_moved - friction * v
     turning = body.half_track * (thrust.right - thrust.left)
-    dw = turning * body.per_turned - k.friction_yaw * w + disturbance
+    dw = turning * body.per_turned - friction_yaw * w + disturbance
     free_left = abs(torque.left + motor.braking * actual.left) < motor.limit
     free_right = abs(torque.right + motor.braking * actual.right) < motor.limit
     if free_left and free_right:
-        v_step = k.free_v * dv + k.free_v_by_w * dw
-        w_step = k.free_w_by_v * dv + k.free_w * dw
+        v_step = free_v * dv + free_v_by_w * dw
+        w_step = free_w_by_v * dv + free_w * dw
     else:
-        v_step = k.held_v * dv
-        w_step = k.held_w * dw
-    return Advanced(v + v_step, w + w_step, torque.left, torque.right)
+        v_step = held_v * dv
+        w_step = held_w * dw
+    return v + v_step, w + w_step, torque
 
 
 LAW = PlanarLaw("linear", LinearParameters, advance, constants=_constants, colour="#009e73")

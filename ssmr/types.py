@@ -16,14 +16,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from types import MappingProxyType
-from typing import Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+if TYPE_CHECKING:
+    import pandas
+
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 CommandKind = Literal["twist", "wheels"]
+CURRENTS = "current_A"
+"""Channel of a motion, where its log has it: (M, 2) of the left and right motors."""
+VOLTAGES = "voltage_V"
+"""Likewise."""
+MOTOR_COLUMNS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        CURRENTS: ("current_left", "current_right"),
+        VOLTAGES: ("voltage_left", "voltage_right"),
+    }
+)
+"""Columns of a log that such a channel is made of."""
 
 
 def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
@@ -225,6 +239,25 @@ class Trajectory:
     def yaw(self) -> FloatArray:
         """(M,) heading, unwrapped [rad]."""
         return self.pose[:, 2]
+
+    def frame(self) -> pandas.DataFrame:
+        """Return the motion as a frame of pandas with the columns of a log, a row for each sample.
+
+        Its speed ahead and its yaw rate are the odometry's, `odom_v` and `odom_w`, and the yaw rate
+        is the gyro's too. Columns of a channel that a log does not know end in their number.
+        """
+        import pandas
+
+        columns = {"t": self.t}
+        columns |= zip(("x", "y", "yaw"), self.pose.T, strict=True)
+        columns |= zip(("odom_v", "v_y", "odom_w"), self.twist.T, strict=True)
+        columns |= zip(("enc_left", "enc_right"), self.wheels.T, strict=True)
+        columns["gyro_z"] = columns["odom_w"]
+        for name, values in self.channels.items():
+            table = values.reshape(len(self), -1).T
+            names = MOTOR_COLUMNS.get(name, [f"{name}_{k}" for k in range(len(table))])
+            columns |= zip([name] if values.ndim == 1 else names, table, strict=True)
+        return pandas.DataFrame(columns)
 
     def state(self, k: int) -> State:
         """Return the `k`-th sample."""

@@ -42,6 +42,7 @@ from validation.experiment.sources import (
 )
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
+from validation.files.log import DataFrame
 from validation.output import file_name, one_line
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants, plant_kind
@@ -58,9 +59,10 @@ if TYPE_CHECKING:
 class Compare(cli.Filmed, cli.LogReading):
     """Options of `compare`."""
 
-    source: tyro.conf.Positional[str | Path | Source]
+    source: tyro.conf.Positional[str | Path | DataFrame | Source]
     """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, the path of a
-    recording, or one that is shipped: sample (simulated), husky or warthog (real)."""
+    recording, or one that is shipped: sample (simulated), husky or warthog (real). In Python also a
+    frame of pandas with the columns of a log."""
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab for
     scenarios, a shipped log's own, else husky-tile, and for another --robot the numbers of its
@@ -208,7 +210,9 @@ def _adapted(
 def _opened(o: Compare) -> tuple[Profile, Source]:
     """Return the profile, and what drives the plants."""
     source = o.source
-    name = source.name if isinstance(source, Source) else str(source)
+    name = source.name if isinstance(source, Source) else ""
+    if isinstance(source, str | Path):
+        name = str(source)
     is_trajectory = name.partition("@")[0] in TRAJECTORIES
     default = "thesis-lab" if is_trajectory else profile_of_log(name)
     profile = choose_profile(o.profile, o.robot, default)
@@ -223,7 +227,7 @@ def _opened(o: Compare) -> tuple[Profile, Source]:
         radius = profile.robot.wheel_radius
     kind: CommandKind = "wheels" if o.input == "wheels" else "twist"
     reading = o.reading(radius)
-    return profile, open_source(name, kind, o.since, o.until, reading)
+    return profile, open_source(source, kind, o.since, o.until, reading)
 
 
 def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> dict[str, Plant]:

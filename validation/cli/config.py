@@ -40,9 +40,9 @@ def config_of(program: str, options: Any) -> dict[str, Any]:
     """Return the options of a run as its JSON file has them, without those that are not given."""
     kept = {"program": program}
     for option in fields(options):
-        value = getattr(options, option.name)
-        if option.name not in _OF_A_CALL and value not in (None, {}, USUAL):
-            kept[option.name] = _kept(value)
+        value = _kept(getattr(options, option.name))
+        if option.name not in _OF_A_CALL and value not in (None, {}, text_of(USUAL)):
+            kept[option.name] = value
     return kept
 
 
@@ -54,7 +54,7 @@ def _kept(value: Any) -> Any:
         return [_kept(part) for part in value]
     if isinstance(value, Path | Terrain | LogLimits):
         return text_of(value)
-    if isinstance(value, str | bool | int | float):
+    if isinstance(value, str | bool | int | float | None):
         return value
     return _ONLY_IN_PYTHON
 

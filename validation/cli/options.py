@@ -24,7 +24,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import Log
-from validation.output import shortened
+from validation.output import one_line, shortened
 from validation.plants.profile import Profile
 from validation.simulator.description import Robot
 from validation.simulator.terrain import Terrain, parse_terrain
@@ -96,7 +96,8 @@ def _require(name: str, value: Any, kind: Any) -> None:
         if isinstance(value, bool) and bool not in _members(kind):
             raise TypeCheckError("to Python a truth value is a whole number")
     except TypeCheckError as error:
-        raise ValueError(f"{name} is {reprlib.repr(value)}, wanted {words_of(kind)}") from error
+        given = one_line(reprlib.repr(value))
+        raise ValueError(f"{name} is {given}, wanted {words_of(kind)}") from error
     parts = value if isinstance(value, tuple) else (value,)
     if any(isinstance(part, float) and math.isnan(part) for part in parts):
         raise ValueError(f"{name} is {value}, wanted a finite number")

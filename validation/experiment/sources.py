@@ -6,18 +6,35 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from ssmr.geometry import rotate_body_to_world, rotate_world_to_body
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
-from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, State, Trajectory
+from ssmr.types import (
+    MOTOR_COLUMNS,
+    CommandKind,
+    Commands,
+    FloatArray,
+    IndexArray,
+    State,
+    Trajectory,
+)
 from validation.descriptions.loading import load_robot
 from validation.files.abilities import Inspected, inspect, too_short
 from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
-from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Group, Log, ReadOptions
+from validation.files.log import (
+    COMMAND_COLUMNS,
+    PLAIN,
+    POSE_COLUMNS,
+    DataFrame,
+    Group,
+    Log,
+    ReadOptions,
+)
 from validation.files.reading import exists
 from validation.files.signals import (
     TIME_ROUNDOFF,
@@ -36,14 +53,6 @@ RECORDING_GRID = 0.01
 steps, finer than any log of ours."""
 RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
-CURRENTS = "current_A"
-"""Channel of a recorded motion, where the log has it: (M, 2) of the left and right motors."""
-VOLTAGES = "voltage_V"
-"""Likewise."""
-_MOTORS = {
-    CURRENTS: ("current_left", "current_right"),
-    VOLTAGES: ("voltage_left", "voltage_right"),
-}
 _ODD = 1.3
 """Ratio of wheel radii beyond which it is another robot's, or the units are others."""
 _BEGIN = 0.5
@@ -141,43 +150,35 @@ class Source:
 
 # ------------------------------------------------------------------------------------------ opening
 def open_source(
-    name: str,
+    given: str | Path | DataFrame,
     kind: CommandKind = "twist",
     start: float | None = None,
     stop: float | None = None,
     options: ReadOptions = PLAIN,
 ) -> Source:
-    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log by its name.
+    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log.
 
-    A log's name is its path, or that of a shipped one. `kind` says which of its inputs drives the
-    plants; samples before `start` or after `stop` [s] are left out; `options` say how it is read.
+    A log is given by its path, or the name of a shipped one, or is a frame of pandas with the
+    columns of a CSV file. `kind` says which of its inputs drives the plants; samples before `start`
+    or after `stop` [s] are left out; `options` say how it is read.
 
     Raises:
         ValueError: an unknown name, a log that cannot be read or lacks the inputs or the pose.
     """
-    scenario, _, plant = name.partition("@")
-    if scenario in TRAJECTORIES:
-        if plant and not is_plant(plant):
+    if isinstance(given, str | Path):
+        name = str(given)
+        if name.partition("@")[0] in TRAJECTORIES:
+            return _open_scenario(name, kind, start, stop)
+        path = log_path(name)
+        if not exists(path) and not is_log(path):
+            scenarios = f"{', '.join(TRAJECTORIES)}, each also as NAME@PLANT"
             raise ValueError(
-                f"unknown plant '{plant}' in '{name}'; there are: {', '.join(ALL_PLANTS)}"
+                f"no source '{name}'; there are: {scenarios}, "
+                f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
             )
-        if kind == "wheels":
-            raise ValueError(
-                f"{name} is a scenario and has no measured wheel rates; "
-                "input by wheels needs a recording"
-            )
-        if start is not None or stop is not None:
-            raise ValueError(f"a time span cuts recordings; {name} is a scenario")
-        piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
-        return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
-    path = log_path(name)
-    if not exists(path) and not is_log(path):
-        scenarios = f"{', '.join(TRAJECTORIES)}, each also as NAME@PLANT"
-        raise ValueError(
-            f"no source '{name}'; there are: {scenarios}, "
-            f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
-        )
-    log = read_log(path, options).on_one_clock().cut(start, stop)
+    log = read_log(given, options)
+    name = str(given) if isinstance(given, str | Path) else log.name
+    log = log.on_one_clock().cut(start, stop)
     limits = options.limits
     periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID
     if periods > limits.samples:
@@ -189,6 +190,22 @@ def open_source(
     if start is not None or stop is not None:
         title += f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
     return source_of(log, name, kind, title, options.radius)
+
+
+def _open_scenario(name: str, kind: CommandKind, start: float | None, stop: float | None) -> Source:
+    """Open a scenario; the arguments are those of `open_source`."""
+    scenario, _, plant = name.partition("@")
+    if plant and not is_plant(plant):
+        raise ValueError(f"unknown plant '{plant}' in '{name}'; there are: {', '.join(ALL_PLANTS)}")
+    if kind == "wheels":
+        raise ValueError(
+            f"{name} is a scenario and has no measured wheel rates; "
+            "input by wheels needs a recording"
+        )
+    if start is not None or stop is not None:
+        raise ValueError(f"a time span cuts recordings; {name} is a scenario")
+    piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
+    return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
 
 
 def source_of(
@@ -236,7 +253,7 @@ def source_of(
         wheels = log.table(sides)
         means = [moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]
         moves = np.abs(means).max(axis=0) > WHEELS_TURN
-    motors = {key: log.table(pair) for key, pair in _MOTORS.items() if log.has(pair)}
+    motors = {key: log.table(pair) for key, pair in MOTOR_COLUMNS.items() if log.has(pair)}
     jumps = np.empty(0, dtype=np.intp)
     on_time = fresh
     if faults.jumps is not None:

@@ -27,6 +27,7 @@ from validation.files.log import (
     RECORDED,
     UNITS,
     Column,
+    DataFrame,
     Group,
     Log,
     ReadOptions,
@@ -69,8 +70,8 @@ class CsvTable:
     path: Path
     header: Sequence[str]
     """Names of the columns."""
-    header_line: int
-    """Line on which the header begins, counted from 1."""
+    header_line: int | None
+    """Line on which the header begins, counted from 1; None in a frame, which has no lines."""
     lines: Sequence[int]
     """Line on which each row begins."""
     columns: Sequence[FloatArray]
@@ -114,7 +115,7 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
 
 def _read_rows(
     path: Path,
-    header_line: int,
+    header_line: int | None,
     header: Sequence[str],
     rows: Iterable[tuple[int, list[str]]],
     limits: LogLimits,
@@ -274,13 +275,51 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     Raises:
         FileError: the file cannot be read, is no valid log or is beyond the limits.
     """
-    path = Path(path)
     options = options or ReadOptions()
+    return _log_of_table(read_csv_table(Path(path), options.limits), options)
+
+
+def read_frame(frame: DataFrame, options: ReadOptions) -> Log:
+    """Return the log in a frame of pandas: the one that a CSV file of it would give.
+
+    It has the name that stands in the frame's `attrs`, else `frame`; an index with a name is a
+    column, and errors count rows from 0, as `iloc` does.
+
+    Raises:
+        FileError: the frame is no valid log or is beyond the limits.
+    """
+    from pandas.api.types import is_numeric_dtype
+
+    if frame.index.name not in (None, *frame.columns):
+        frame = frame.reset_index()
+    path = Path(str(frame.attrs.get("name", "frame")))
+    header = [str(name).strip() for name in frame.columns]
+    columns = []
+    bad = []
+    for place, name in enumerate(header):
+        cells = frame.iloc[:, place]
+        numbers = np.full(len(cells), math.inf)
+        if is_numeric_dtype(cells):
+            numbers = cells.to_numpy(np.float64, na_value=math.nan)
+        first = None
+        if np.any(np.isinf(numbers)):
+            texts = cells.astype(object).where(cells.notna(), "").astype(str)
+            rows = ((row, [text]) for row, text in enumerate(texts))
+            read = _read_rows(path, None, [name], rows, options.limits)
+            numbers = read.columns[0]
+            first = read.bad[0]
+        columns.append(numbers)
+        bad.append(first)
+    return _log_of_table(CsvTable(path, header, None, range(len(frame)), columns, bad), options)
+
+
+def _log_of_table(table: CsvTable, options: ReadOptions) -> Log:
+    """Return the log in a table, as `read_csv` does."""
+    path = table.path
     if options.topics:
         raise FileError(
-            path, "topics names the topics of a bag; this is a CSV file, whose columns have names"
+            path, "topics names the topics of a bag; this is a table, whose columns have names"
         )
-    table = read_csv_table(path, options.limits)
     table, remarks = _renamed(table, options)
     _check_names(table)
     columns: dict[str, FloatArray] = {}

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from validation.files.bags import read_bag
-from validation.files.csv_logs import read_csv, write_csv
-from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions, check_group
+from validation.files.csv_logs import read_csv, read_frame, write_csv
+from validation.files.log import COMMAND_COLUMNS, DataFrame, Log, ReadOptions, check_group
 from validation.files.reading import FileError, exists
 from validation.files.trajectories import read_trajectory, write_tum
 
@@ -80,18 +80,29 @@ def is_log(path: Path) -> bool:
     return any(f.read is not None and f.recognises(path) for f in FORMATS)
 
 
-def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
+def read_log(given: str | Path | DataFrame, options: ReadOptions | None = None) -> Log:
     """Read a log of any format in `FORMATS`; `Log.on_one_clock` brings it onto one clock.
 
     Args:
-        path: a file or folder, whose ending says which format it has, or a name in `SHIPPED_LOGS`.
+        given: a file or folder, whose ending says which format it has, a name in `SHIPPED_LOGS`, or
+            a frame of pandas.
         options: choices for formats with topics, and limits; all guessed or usual if not given.
 
     Raises:
         FileError: no format has that ending, or the log cannot be read, or is beyond the limits.
     """
-    path = log_path(path)
     options = options or ReadOptions()
+    if isinstance(given, str | Path):
+        log = _read_path(log_path(given), options)
+    else:
+        log = read_frame(given, options)
+    for group in log.groups.values():
+        check_group(log.path, group, options.limits)
+    return log
+
+
+def _read_path(path: Path, options: ReadOptions) -> Log:
+    """Read a log in the format that the ending of its path names."""
     if not exists(path):
         raise FileError(path, f"there is no such file; wanted a log ({readable()})")
     read = next((f.read for f in FORMATS if f.read is not None and f.recognises(path)), None)
@@ -100,10 +111,7 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     if read is read_bag and set(options.columns) - set(COMMAND_COLUMNS["wheels"]):
         what = "of a bag, columns names the joints of enc_left and enc_right; --topics names topics"
         raise FileError(path, what)
-    log = read(path, options)
-    for group in log.groups.values():
-        check_group(path, group, options.limits)
-    return log
+    return read(path, options)
 
 
 def format_of_target(path: str | Path) -> LogFormat:

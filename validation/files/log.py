@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -302,6 +302,20 @@ def unwrapped(angles: FloatArray) -> FloatArray:
     if np.ptp(angles) > 4.0 * math.pi and np.any((far < 5.0) | (far > 7.0)):
         return angles
     return np.unwrap(angles)
+
+
+class DataFrame(Protocol):
+    """A frame of pandas, as far as a log needs it; pandas itself takes long to import."""
+
+    attrs: Any
+    columns: Any
+    iloc: Any
+    index: Any
+    reset_index: Any
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,7 @@ from scipy.signal import lfilter
 
 from ssmr.robot.drive import wheel_references
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.types import Commands, FloatArray, State, Trajectory
-from validation.experiment.sources import CURRENTS, VOLTAGES
+from ssmr.types import CURRENTS, VOLTAGES, Commands, FloatArray, State, Trajectory
 from validation.files.formats import read_log
 from validation.files.log import Log
 from validation.plants.kind import PlantProfile

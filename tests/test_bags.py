@@ -102,8 +102,10 @@ def test_topics_are_guessed_by_type_and_by_usual_names(tmp_path: Path) -> None:
     path = write(tmp_path, "mcap", many)
     topics = list(topics_of(path).values())
     chosen = {role: topic.name for role, topic in choose_topics(path, topics, {})[0].items()}
-    assert chosen == {"cmd": "/husky/cmd_vel", "odom": "/husky_velocity_controller/odom"}
-    named, _ = choose_topics(path, topics, {"odom": "/odometry/filtered", "cmd": "none"})
+    wheels = "/husky_velocity_controller/odom"
+    assert chosen == {"cmd": "/husky/cmd_vel", "odom": wheels, "pose": wheels}
+    wanted = {"odom": "/odometry/filtered", "cmd": "none", "pose": "none"}
+    named, _ = choose_topics(path, topics, wanted)
     assert {role: topic.name for role, topic in named.items()} == {"odom": "/odometry/filtered"}
 
 
@@ -255,7 +257,7 @@ def test_the_pose_is_that_of_the_most_independent_source(tmp_path: Path) -> None
     assert "/odom follows from the wheels alone" in why
     assert "/move_base/goal is a goal" in why
     alone = read_log(write(tmp_path, "mcap", weaving(sources=()), "alone"))
-    assert alone.groups["odom"].table(POSE_COLUMNS) is not None
+    assert alone.groups["pose"].source == "/odom"
     assert find_faults(alone).named[0].kind == "circular"
 
 

@@ -5,8 +5,9 @@ are only counted. Their stamps are brought onto one clock, see `clocks`, and cou
 
 Topics get roles, see `topics`, and become columns: cmd_v, cmd_w from the role `cmd`; enc_left,
 enc_right from `wheels`; gyro_z from `imu`, about the vertical that its accelerometer shows; x, y,
-yaw from `pose` or, without one, from `odom`; odom_v and odom_w from `odom` (and odom_x, odom_y,
-odom_yaw where there is a `pose`); and gps_east, gps_north from `gps`, metres from its first fix.
+yaw from `pose`, which may be the topic of `odom`; odom_v and odom_w from `odom` (and odom_x,
+odom_y, odom_yaw where `pose` is another topic); and gps_east, gps_north from `gps`, metres from its
+first fix.
 """
 
 from __future__ import annotations
@@ -140,11 +141,11 @@ def _topic(key: tuple[str, str, Sequence[str]], numbers: bytes, timed: Timed, ep
 
 
 # ------------------------------------------------------------------------------------------ groups
-def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) -> Group:
+def _group(path: Path, role: str, topic: Topic, is_pose: bool, limits: LogLimits) -> Group:
     """Return a topic as the group of its role, the first sample of each stamp.
 
-    `prefix` begins the names of the columns of odometry's pose. A FileError says what cannot be
-    used.
+    Odometry that is the log's pose has that in the pose's group, other odometry in its own. A
+    FileError says what cannot be used.
     """
     first = np.concatenate([[True], np.diff(topic.t) > 0.0])
     t = topic.t[first]
@@ -154,7 +155,8 @@ def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) 
             raise FileError(path, f"topic {topic.name} has fewer than two samples")
         with np.errstate(all="ignore"):  # numbers that are not finite then are refused below
             converted = _converted(role, columns)
-        if role in ("pose", "odom") and ROLES["pose"].fits(topic):
+        if role == "pose" or (role == "odom" and not is_pose and ROLES["pose"].fits(topic)):
+            prefix = "" if role == "pose" else "odom_"
             for name in ("x", "y"):
                 converted[prefix + name] = columns[name]
             converted[f"{prefix}yaw"] = np.unwrap(columns["yaw"])
@@ -219,7 +221,10 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
     able = [topic for topic, _ in finite.values()]
     chosen, sentences = choose_topics(path, able, options.topics)
     remarks = [clock] if clock else []
-    for t in chosen.values():
+    roles = dict[Topic, list[str]]()
+    for role, topic in chosen.items():
+        roles.setdefault(topic, []).append(role)
+    for t in roles:
         remarks += [f"{t.name}: {t.remark}, so the times of writing count"] * bool(t.remark)
     remarks += [*sentences, *filter(None, [topic.unread for topic in topics])]
     if not chosen:
@@ -231,23 +236,26 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
         )
     groups = {}
     faults = []
-    for role, topic in chosen.items():
+    for topic, own in roles.items():
         _, remark = finite.get(topic.name, (topic, ""))
         remarks += [remark] * bool(remark)
-        if role == "odom":
-            topic, sentence = _in_the_body(topic)
+        converted = topic
+        if "odom" in own:
+            converted, sentence = _in_the_body(topic)
             if sentence:
                 faults.append(LogFault("frame", ("odom_v",), sentence))
-        # a pose takes the names x, y and yaw from the odometry
-        prefix = "odom_" if role == "odom" and "pose" in chosen else ""
-        groups[role] = _group(path, role, topic, prefix, options.limits)
+        columns = list[str]()
+        for role in own:
+            groups[role] = _group(path, role, converted, "pose" in own, options.limits)
+            columns += groups[role].columns
         if topic.fault:
-            faults.append(LogFault("clock", tuple(groups[role].columns), topic.fault))
-    roles = {topic.name: role for role, topic in chosen.items()}
+            faults.append(LogFault("clock", tuple(columns), topic.fault))
+    words = {topic.name: ", ".join(own) for topic, own in roles.items()}
     known = {topic.name for topic in topics}
-    listed = [replace(topic, role=roles.get(topic.name, "")) for topic in topics]
-    listed += [replace(t, role=role) for role, t in chosen.items() if t.name not in known]
-    return Log(path, groups, listed, remarks, options.limits, faults)
+    listed = [replace(topic, role=words.get(topic.name, "")) for topic in topics]
+    listed += [replace(t, role=words[t.name]) for t in roles if t.name not in known]
+    in_order = {role: groups[role] for role in chosen}
+    return Log(path, in_order, listed, remarks, options.limits, faults)
 
 
 def _finite(topic: Topic) -> tuple[Topic, str]:

@@ -174,7 +174,8 @@ def circular(e: LogSignals) -> Iterator[LogFault]:
         return
     measured = False
     for rates in _rates_of(e.log):
-        own = rates[0][0] in poses.group.columns
+        source = e.log.own_group(rates[0][0]).source
+        own = bool(e.log.topics) and source == poses.group.source
         if own and measured:
             continue  # a localiser tells its own speed, and wheels do not follow
         errors = _errors(poses, rates, _WINDOW_S)

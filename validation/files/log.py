@@ -325,7 +325,7 @@ class Log:
     path: Path
     """File that it was read from."""
     groups: Mapping[str, Group]
-    """Groups of columns by name."""
+    """Groups of columns by name; each column is in the group that `column_of` says."""
     topics: Sequence[Topic] = ()
     """Topics of the file, where its format has any."""
     remarks: Sequence[str] = ()
@@ -392,7 +392,8 @@ class Log:
 
     def group_of(self, names: Sequence[str]) -> Group | None:
         """Return the group that has all of these columns; None where there is none."""
-        return next((g for g in self.groups.values() if {*names} <= g.columns.keys()), None)
+        group = self.groups.get(column_of(names[0]).group)
+        return group if group is not None and {*names} <= group.columns.keys() else None
 
     def changed(self, name: str, columns: Mapping[str, FloatArray]) -> Log:
         """Return the log with columns of the group `name` replaced or added, each (M,)."""

@@ -110,7 +110,7 @@ def _slopes(poses: NewPoses) -> FloatArray:
 def _poses(log: Log) -> tuple[NewPoses, BoolArray] | None:
     """Return the new poses of a log, and (M - 1,) whether the localiser jumped between them."""
     poses = new_poses(log)
-    if poses is None or len(poses.t) < 3 or poses.group is not log.groups.get("pose"):
+    if poses is None or len(poses.t) < 3:
         return None
     jumps = find_jumps(log)
     return poses, np.isin(poses.rows[1:], () if jumps is None else jumps.index)

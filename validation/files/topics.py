@@ -95,7 +95,8 @@ def choose_topics(
     if "pose" in named:
         return chosen, []
     pose, sentences = _best_pose([*topics, *_chained(topics)], chosen)
-    if pose is not None and pose is not chosen.get("odom"):
+    pose = pose or chosen.get("odom")
+    if pose is not None and ROLES["pose"].fits(pose):
         chosen["pose"] = pose
     return {role: chosen[role] for role in ROLES if role in chosen}, sentences
 

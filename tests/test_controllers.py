@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import control
 import numpy as np
@@ -15,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssmr.control import lqr, pid
-from ssmr.control.law import EMPTY_MEMORY, Command, Gains, Memory, Observation
+from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import (
     LAWS,
     PLAIN_CONTROLLERS,
@@ -62,11 +61,6 @@ def moving(v: float, w: float) -> Observation:
 def target(v: float, w: float) -> Target:
     """A target at the origin."""
     return Target(0.0, 0.0, 0.0, v, w, 0)
-
-
-def numbers(g: Gains, name: str) -> Any:
-    """The named gains that the kernels take."""
-    return LAWS[name].unpack(g.packed(A, B))
 
 
 @cache
@@ -125,7 +119,7 @@ def test_the_position_loop_is_the_printed_equations(
     memory = REST
     for e_rho, e_y, e_alpha in signal:
         memory = pid.position_loop(
-            numbers(g, "pid"), memory, Errors(e_rho, e_y, e_alpha), STILL, moving(0.0, 0.0), DT
+            g.packed(A, B), memory, Errors(e_rho, e_y, e_alpha), STILL, moving(0.0, 0.0), DT
         )
     e = np.array(signal)
     sums = DT * np.sum(signal[:-1], axis=0) if len(signal) > 1 else np.zeros(3)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit, named_like
+from ssmr._jit import jit
 from ssmr.parameters import check_parameters
 from ssmr.types import FloatArray
 
@@ -49,11 +49,10 @@ EMPTY_MEMORY = Memory(*(0.0,) * len(Memory._fields))
 """Memory of a law that has not run yet."""
 
 
-@dataclass(frozen=True)
 class Gains:
     """Base of the gains of every law.
 
-    It is a frozen dataclass whose fields are declared by `ssmr.parameters.parameter`.
+    They are a frozen dataclass whose fields are declared by `ssmr.parameters.parameter`.
     """
 
     def __post_init__(self) -> None:
@@ -70,11 +69,11 @@ class Gains:
             ValueError: no law exists for these gains.
         """
         del a, b
-        return np.array(astuple(self), dtype=np.float64)
+        return np.array(list(vars(self).values()), dtype=np.float64)
 
 
 @jit
-def hold(gains: Any, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
+def hold(row: FloatArray, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
     """Return the memory unchanged and the position loop's output as the command.
 
     This is the velocity loop of a law of one rate.
@@ -90,19 +89,17 @@ class Law:
     """Name of the controller."""
     gains: type[Gains]
     """Dataclass of the gains, which declares default, unit, range and search bounds of each."""
-    unpack: Callable[[FloatArray], Any] | None = None
-    """Kernel that makes the named gains of a row of `Gains.packed`; rows may be longer than needed.
-    A law that is a Python object (`make`) has none."""
     position_step: Callable[..., Memory] | None = None
-    """Kernel `(gains, memory, errors, target, seen, dt)` of the position loop; returns the next
-    memory."""
+    """Kernel `(row, memory, errors, target, seen, dt)` of the position loop; returns the next
+    memory. `row` begins with the numbers of `Gains.packed`. A law that is a Python object (`make`)
+    has none."""
     searched: tuple[str, ...] = ()
     """Gains that a tuning searches by default, in the order of its search space."""
     make: Callable[..., Any] | None = None
     """Function of gains and a `ssmr.control.mission.Mission` that makes the object, for a law that
     is a Python object."""
     velocity_step: Callable[..., tuple[Memory, Command]] = hold
-    """Kernel `(gains, memory, seen, dt)` of the velocity loop; returns the next memory and the
+    """Kernel `(row, memory, seen, dt)` of the velocity loop; returns the next memory and the
     command."""
     population: int = 50
     """Default number of candidates in a generation of a tuning."""
@@ -110,13 +107,3 @@ class Law:
     """Default number of generations of a tuning."""
     k_u: float = 0.0
     """Weight of |1 - u_RMS| in the cost of a tuning (Tab. 4.20)."""
-
-
-def reader(template: Any) -> Any:
-    """Return a kernel that makes a NamedTuple like `template` of the first entries of a row."""
-
-    @jit
-    def read(row: FloatArray) -> Any:
-        return named_like(template, row)
-
-    return read

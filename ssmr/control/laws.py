@@ -7,7 +7,7 @@ To add a controller, write a file with its gains and kernels that ends in a `Law
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
@@ -19,6 +19,7 @@ from ssmr.control import lqr, mpc, pid
 from ssmr.control.law import Command, Gains, Law, Matrix, Memory, Observation
 from ssmr.control.mission import PythonController
 from ssmr.control.waypoints import Errors, Target
+from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 
@@ -114,36 +115,34 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
         choices = ", ".join(CONTROLLERS)
         raise ValueError(f"unknown controller '{controller}'; there are: {choices}")
     kind = LAWS[controller].gains
-    names = [f.name for f in fields(kind)]
+    names = described(kind)
     for name in values:
         if name not in names:
             raise ValueError(f"{controller} has no gain '{name}'; there are: {', '.join(names)}")
     return kind(**values)
 
 
-def _choice(steps: Sequence[tuple[Callable[..., Any], Callable[..., Any]]]) -> Callable[..., Any]:
+def _choice(steps: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
     """Return a compiled `(law, row, *arguments)` that calls the step of law number `law`.
 
-    It unpacks the row first. numba cannot index a tuple of functions: each law compares its number,
-    and hands any other number to the laws before.
+    numba cannot index a tuple of functions: each law compares its number, and hands any other
+    number to the laws before.
     """
     number = len(steps) - 1
-    unpack, step = steps[number]
+    step = steps[number]
     others = _choice(steps[:number]) if number > 0 else None
 
     @jit
     def choose(law: int, row: FloatArray, *arguments: Any) -> Any:
         if others is None or law == number:
-            return step(unpack(row), *arguments)
+            return step(row, *arguments)
         return others(law, row, *arguments)
 
     return choose
 
 
-_POSITION = _choice(
-    [(law.unpack, law.position_step) for law in _PLAIN.values() if law.unpack and law.position_step]
-)
-_VELOCITY = _choice([(law.unpack, law.velocity_step) for law in _PLAIN.values() if law.unpack])
+_POSITION = _choice([law.position_step for law in _PLAIN.values() if law.position_step])
+_VELOCITY = _choice([law.velocity_step for law in _PLAIN.values()])
 
 
 @jit

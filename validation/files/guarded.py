@@ -1,8 +1,9 @@
 """Foreign files, which can be damaged or bombs, are read in a child process with limits.
 
 The child is a new Python that calls one function and sends back what it returns: a value of JSON,
-and bytes. What it unpacks on the disk is gone afterwards. Where an operating system has no limits
-for processes, only the time is limited.
+and bytes. What it unpacks on the disk is gone afterwards. Only time of the processor counts, so a
+busy machine changes nothing. Where an operating system has no limits for processes, the child
+watches that time itself, and nothing else is limited.
 """
 
 from __future__ import annotations
@@ -11,11 +12,15 @@ import io
 import json
 import math
 import os
+import signal
 import subprocess  # nosec B404 # it runs this file
 import sys
 import tempfile
+import threading
+import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from validation.output import shortened
@@ -28,13 +33,17 @@ serve(*task)
 """
 _LONGEST = 200
 """Greatest length of an error's text in a message."""
+_SPENT = int(getattr(signal, "SIGXCPU", 24))
+"""Signal or status with which a child ends that has used its time."""
+_WATCH_S = 0.05
+"""Time between two looks at the time that is used [s]."""
 
 
 class Allowance(NamedTuple):
     """Limits of a child process, which ends beyond them."""
 
     seconds: float
-    """Time by the clock and of the processor [s]."""
+    """Time of the processor, without the start of Python [s]."""
     memory: int
     """Addresses [bytes]."""
     disk: int = 0
@@ -57,26 +66,18 @@ def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Al
     with tempfile.TemporaryDirectory() as folder:
         # threads and arenas of memory would count against the limit
         lean = {"OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1", "TMPDIR": folder}
-        try:
-            ran = subprocess.run(  # nosec B603 # the arguments are our own
-                [sys.executable, "-P", "-c", _CALL],
-                input=json.dumps(task).encode(),
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                timeout=allowance.seconds,
-                env=os.environ | lean,
-            )
-        except subprocess.TimeoutExpired as error:
-            raise ValueError(
-                f"reading it does not come to an end in {error.timeout:.3g} s"
-            ) from error
-    if ran.returncode:
-        what = (
-            "reading it takes more than "
-            f"{allowance.seconds:.3g} s and {allowance.memory / 2**30:.3g} GiB, "
-            "or ends the reader"
+        ran = subprocess.run(  # nosec B603 # the arguments are our own
+            [sys.executable, "-P", "-c", _CALL],
+            input=json.dumps(task).encode(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | lean,
         )
-        raise ValueError(f"{what}: does something in it grow without end?")
+    if ran.returncode:
+        what = f"takes more than {allowance.memory / 2**30:.3g} GiB, or ends the reader"
+        if abs(ran.returncode) == _SPENT:
+            what = f"takes more than the {allowance.seconds:.3g} s of processor time allowed"
+        raise ValueError(f"reading it {what}: does something in it grow without end?")
     output = io.BytesIO(ran.stdout)
     fault, answer, sizes = json.loads(output.readline())
     if fault:
@@ -85,17 +86,12 @@ def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Al
 
 
 def serve(module: str, name: str, arguments: Sequence[Any], allowance: Sequence[Any]) -> None:
-    """Call a function within limits of the operating system, and write its answer to stdout."""
+    """Call a function within its allowance, and write its answer to stdout."""
     function = getattr(import_module(module), name)
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # prints of a library are no answer
-    if os.name == "posix":
-        import resource
-
-        seconds, memory, disk = allowance
-        limits = {"CORE": 0, "CPU": math.ceil(seconds), "AS": memory, "FSIZE": disk}
-        for name, most in limits.items():
-            resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (most, most))
+    _limit(*allowance)
+    sys.addaudithook(_refuse_pipe)
     fault = ""
     try:
         answer, parts = function(*arguments)
@@ -106,3 +102,33 @@ def serve(module: str, name: str, arguments: Sequence[Any], allowance: Sequence[
     head = json.dumps([fault, answer, [len(part) for part in parts]])
     output.writelines([head.encode(), b"\n", *parts])
     output.close()
+
+
+def _limit(seconds: float, memory: int, disk: int) -> None:
+    """Limit what this process uses from now on; the arguments are those of `Allowance`."""
+    end = time.process_time() + seconds
+    if os.name != "posix":
+        threading.Thread(target=_end_beyond, args=[end], daemon=True).start()
+        return
+    import resource
+
+    limits = {"CORE": 0, "CPU": math.ceil(end), "AS": memory, "FSIZE": disk}
+    for name, most in limits.items():
+        kind = getattr(resource, f"RLIMIT_{name}")
+        _, hard = resource.getrlimit(kind)
+        # the soft limit, which has a signal of its own; the hard one may be lower already
+        soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(kind, (soft, hard))
+
+
+def _end_beyond(end: float) -> None:
+    """End this process once it has used so much time of the processor [s]."""
+    while time.process_time() < end:
+        time.sleep(_WATCH_S)
+    os._exit(_SPENT)
+
+
+def _refuse_pipe(event: str, arguments: tuple[Any, ...]) -> None:
+    """Raise a ValueError where a pipe is opened: to wait for one takes no time of the processor."""
+    if event == "open" and isinstance(arguments[0], str) and Path(arguments[0]).is_fifo():
+        raise ValueError(f"{arguments[0]} is a pipe, wanted a file")

@@ -20,7 +20,7 @@ from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot
 from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
-from validation.simulator.loops import MujocoBodies
+from validation.simulator.bodies import MujocoBodies
 from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 

@@ -8,20 +8,21 @@ v_y = -(x_ICR + k v) omega (Eq. 2.2, 2.10, 2.13); k is 0 but for `kinematic`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssmr._jit import fused, jit, jit_alone, sine_cosine, write_numbers
 from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PlanarRobot, advance, law_of
 from ssmr.parameters import packed
+from ssmr.robot.bodies import BodyPlant
 from ssmr.robot.drive import (
-    Driver,
     Sides,
     Wanted,
     advance_integral,
@@ -233,13 +234,43 @@ class PlanarModel:
         return replace(self, parameters=kinematics)
 
 
-class PlanarPlant:
-    """A planar model as a `Plant`."""
+class PlanarBodies:
+    """Planar robots of any models that are moved together."""
 
-    name: str
-    """Name of the model."""
-    dt: float
-    """Physics step [s]."""
+    def __init__(self, models: Sequence[PlanarModel], state: State, dt: float) -> None:
+        """Place every robot in `state`; `dt` is the physics step [s]."""
+        self._robots = [model.packed(dt) for model in models]
+        self._dt = dt
+        self._now = [planar_start(state.motion, robot) for robot in self._robots]
+        self._failed = np.full(len(models), -1)
+
+    @property
+    def gave_up(self) -> NDArray[np.bool_]:
+        """(S,) robots whose numbers were no longer finite when they last advanced."""
+        return np.asarray(self._failed >= 0)
+
+    def states(self) -> FloatArray:
+        """Return (S, 10) the fields of `ssmr.types.Motion`."""
+        return np.array([now for now, _ in self._now])
+
+    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
+        """Take the robots through n physics steps, see `Bodies.advance`."""
+        n = references.shape[1]
+        out = np.empty((2, PLANAR_COLUMNS))
+        for i, robot in enumerate(self._robots):
+            self._failed[i], self._now[i] = run_planar(
+                references[i],
+                pushes[i],
+                self._dt,
+                stride=n,
+                robot=robot,
+                start=self._now[i],
+                out=out,
+            )
+
+
+class PlanarPlant(BodyPlant):
+    """A planar model as a `Plant`."""
 
     def __init__(self, model: PlanarModel, dt: float = PLANAR_DT) -> None:
         """Start at rest at the origin, with physics steps `dt` [s].
@@ -250,45 +281,17 @@ class PlanarPlant:
         whole_steps(model.drive.hold, dt, "the drive's hold")
         self.name = model.name
         self.dt = dt
-        self._model = model
-        self._robot = model.packed(dt)
-        self.reset(State())
+        self.drive = model.drive
+        self.model = model
 
-    def _advance(
-        self,
-        references: FloatArray,
-        disturbance: FloatArray,
-        stride: int,
-        start: tuple[Motion, Sides],
-        robot: PlanarRobot,
-    ) -> tuple[FloatArray, tuple[Motion, Sides]]:
-        out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
-        failed, end = run_planar(
-            references, disturbance, dt=self.dt, stride=stride, robot=robot, start=start, out=out
-        )
-        if failed >= 0:
-            t = failed * self.dt
-            message = f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)"
-            raise DivergedError(message, step=failed, t=t)
-        return out, end
+    def make_bodies(
+        self, plants: Sequence[PlanarPlant], state: State, workers: int = 1
+    ) -> PlanarBodies:
+        """Return planar robots in a state, whose v_y follows from v_x and the yaw rate.
 
-    def reset(self, state: State) -> State:
-        """Start from `state` with empty delay lines.
-
-        v_y and the wheel rates follow from v_x and the yaw rate; ideal wheels turn as the state
-        says.
+        So do their wheel rates, but for ideal wheels, which turn as the state says.
         """
-        self._driver = Driver(self._model.drive, self.dt, state)
-        self._now = planar_start(state.motion, self._robot)
-        return State(*self._now[0][:8])
-
-    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
-        """Hold a twist command for `dt` [s]."""
-        n = whole_steps(dt, self.dt, "the step")
-        references = self._driver.references(command, n)
-        push = np.array([float(yaw_acceleration)])
-        _, self._now = self._advance(references, push, n, self._now, self._robot)
-        return State(*self._now[0][:8])
+        return PlanarBodies([plant.model for plant in plants], state, self.dt)
 
     def run(
         self,
@@ -297,12 +300,25 @@ class PlanarPlant:
         sample_dt: float,
         disturbance: FloatArray | None = None,
     ) -> Trajectory:
-        """Drive `commands` at once; channels are the sides' torques and the yaw acceleration."""
+        """Drive `commands` at once; channels are the sides' torques and the yaw acceleration.
+
+        Raises:
+            DivergedError: a velocity is no longer finite.
+            ValueError: periods that are no whole number of steps, or disturbances that are not one
+                a step.
+        """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
-        references = wheel_references(commands, self._model.drive, self.dt, state)
+        references = wheel_references(commands, self.drive, self.dt, state)
         push = step_pushes(disturbance, len(references))
-        robot = self._robot
-        if commands.kind == "wheels":
-            robot = self._model.prescribed().packed(self.dt)
-        out, _ = self._advance(references, push, stride, planar_start(state.motion, robot), robot)
+        model = self.model.prescribed() if commands.kind == "wheels" else self.model
+        robot = model.packed(self.dt)
+        out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
+        start = planar_start(state.motion, robot)
+        failed, _ = run_planar(
+            references, push, dt=self.dt, stride=stride, robot=robot, start=start, out=out
+        )
+        if failed >= 0:
+            t = failed * self.dt
+            message = f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)"
+            raise DivergedError(message, step=failed, t=t)
         return Trajectory.of_table(sample_dt, out, _CHANNELS)

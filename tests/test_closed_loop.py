@@ -30,7 +30,7 @@ from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.plants.profile import load_profile, make_plant
-from validation.simulator.loops import MujocoBodies
+from validation.simulator.bodies import MujocoBodies
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 

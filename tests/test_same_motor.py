@@ -40,7 +40,7 @@ from validation.engines.drake import DrakeBody
 from validation.engines.ode import OdeBody
 from validation.engines.plant import EnginePlant
 from validation.plants.profile import Profile
-from validation.simulator.loops import MujocoBodies
+from validation.simulator.bodies import MujocoBodies
 from validation.simulator.plant import MujocoPlant
 
 GAIN = 60.0

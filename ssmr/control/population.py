@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ssmr._jit import jit_alone, named_like, share_among_threads, write_numbers
 from ssmr.control.law import EMPTY_MEMORY, Command
@@ -38,6 +37,7 @@ from ssmr.control.tick import (
 from ssmr.control.waypoints import Target, Waypoints
 from ssmr.estimation.settings import NO_NUMBERS, Belief
 from ssmr.models.law import PlanarRobot
+from ssmr.robot.bodies import Bodies
 from ssmr.robot.drive import (
     DRIVE_TEMPLATE,
     DriveNumbers,
@@ -48,15 +48,7 @@ from ssmr.robot.drive import (
     rolling,
 )
 from ssmr.robot.vehicle import Drive
-from ssmr.simulation import (
-    PLANAR_COLUMNS,
-    PLANAR_DT,
-    PlanarModel,
-    move,
-    planar_start,
-    run_planar,
-    start_of,
-)
+from ssmr.simulation import PLANAR_DT, PlanarBodies, PlanarModel, move, start_of
 from ssmr.types import FloatArray, Motion, State
 
 _MOTION = State().motion
@@ -210,61 +202,6 @@ def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray)
         write_numbers(b.drivers[i], 0, 1, driver)
 
 
-class Bodies(Protocol):
-    """S robots that something else moves, each with its own physics."""
-
-    @property
-    def gave_up(self) -> NDArray[np.bool_]:
-        """(S,) robots whose physics failed since the last tick."""
-        ...
-
-    def states(self) -> FloatArray:
-        """Return (S, 10) the fields of `ssmr.types.Motion`."""
-        ...
-
-    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
-        """Take the robots through n physics steps.
-
-        They get (S, n, 2) wheel-rate references [rad/s] and (S, n) yaw accelerations [rad/s2].
-        """
-        ...
-
-
-class _PlanarBodies:
-    """Planar robots that are moved period by period."""
-
-    def __init__(self, models: Sequence[PlanarModel], state: State, dt: float) -> None:
-        """Place every robot in `state`; `dt` is the physics step [s]."""
-        self._robots = [model.packed(dt) for model in models]
-        self._dt = dt
-        self._now = [planar_start(state.motion, robot) for robot in self._robots]
-        self._failed = np.full(len(models), -1)
-
-    @property
-    def gave_up(self) -> NDArray[np.bool_]:
-        """(S,) robots whose numbers were no longer finite in the last run."""
-        return np.asarray(self._failed >= 0)
-
-    def states(self) -> FloatArray:
-        """Return (S, 10) the fields of `ssmr.types.Motion`."""
-        return np.array([now for now, _ in self._now])
-
-    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
-        """Take the robots through n physics steps, see `Bodies.advance`."""
-        n = references.shape[1]
-        out = np.empty((2, PLANAR_COLUMNS))
-        for i, robot in enumerate(self._robots):
-            self._failed[i], self._now[i] = run_planar(
-                references[i],
-                pushes[i],
-                self._dt,
-                stride=n,
-                robot=robot,
-                start=self._now[i],
-                out=out,
-            )
-
-
 def run_bodies(
     bodies_at: Callable[[State], Bodies],
     drives: Sequence[Drive],
@@ -365,7 +302,7 @@ def run_loops(
     drives = [model.drive for model in models]
     if any(isinstance(law, PythonController) for law in controllers):
         return run_bodies(
-            lambda at: _PlanarBodies(models, at, dt),
+            lambda at: PlanarBodies(models, at, dt),
             drives,
             dt,
             controllers=controllers,

@@ -22,7 +22,8 @@ from ssmr.models.four_wheel import (
     run_wheels,
     write_sample,
 )
-from ssmr.robot.drive import Driver, step_pushes, wheel_references, whole_steps
+from ssmr.robot.bodies import BodyPlant
+from ssmr.robot.drive import step_pushes, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 
@@ -39,16 +40,12 @@ FOUR_WHEEL_DT = 0.001
 """Physics step [s], that of the planar models; stiff tyres divide it further."""
 
 
-class FourWheelPlant:
+class FourWheelPlant(BodyPlant):
     """A robot on four tyres as a `Plant`; its reference point is the middle between the axles."""
 
     name = "four_wheel"
-    dt: float
-    """Physics step [s]."""
     parameters: FourWheelParameters
     """Body, tyres and motors."""
-    drive: Drive
-    """Saturation, delays and conversions between command and wheels."""
     robot: FourWheels
     """The numbers for compiled functions."""
 
@@ -65,42 +62,12 @@ class FourWheelPlant:
         self.parameters = parameters
         self.drive = drive
         self.robot = four_wheels(parameters, drive, dt)
-        self.reset(State())
 
-    def _run(
-        self,
-        references: FloatArray,
-        push: FloatArray,
-        stride: int,
-        robot: FourWheels,
-        row: FloatArray,
-    ) -> FloatArray:
-        """Return the samples of a run that changes the state in `row`."""
-        out = np.empty((1 + len(references) // stride, SAMPLE_COLUMNS))
-        failed = run_wheels(references, push, stride, robot, body_of(row), out)
-        if failed >= 0:
-            t = failed * self.dt
-            raise DivergedError(
-                f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)",
-                step=failed,
-                t=t,
-            )
-        return out
-
-    def reset(self, state: State) -> State:
-        """Start from `state` with empty delay lines."""
-        self._driver = Driver(self.drive, self.dt, state)
-        self._row = _placed(state, self.robot)
-        out = self._run(np.empty((0, 2)), np.zeros(1), 1, self.robot, self._row)
-        return State(*map(float, out[0, :8]))
-
-    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
-        """Hold a twist command for `dt` [s]."""
-        n = whole_steps(dt, self.dt, "the step")
-        references = self._driver.references(command, n)
-        push = np.array([float(yaw_acceleration)])
-        out = self._run(references, push, n, self.robot, self._row)
-        return State(*map(float, out[-1, :8]))
+    def make_bodies(
+        self, plants: Sequence[FourWheelPlant], state: State, workers: int = 1
+    ) -> FourWheelBodies:
+        """Return robots on four tyres in a state."""
+        return FourWheelBodies(plants, state)
 
     def run(
         self,
@@ -127,7 +94,16 @@ class FourWheelPlant:
         references = wheel_references(commands, self.drive, self.dt, state)
         push = step_pushes(disturbance, len(references))
         robot = self.robot._replace(given=given)
-        out = self._run(references, push, stride, robot, _placed(state, robot))
+        out = np.empty((1 + len(references) // stride, SAMPLE_COLUMNS))
+        body = body_of(_placed(state, robot))
+        failed = run_wheels(references, push, stride, robot, body, out)
+        if failed >= 0:
+            t = failed * self.dt
+            raise DivergedError(
+                f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)",
+                step=failed,
+                t=t,
+            )
         return Trajectory.of_table(sample_dt, out, _CHANNELS)
 
 

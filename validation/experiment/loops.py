@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,11 +13,11 @@ import numpy as np
 
 from ssmr.control.feasible import DEVIATION, MotionLimits, feasible
 from ssmr.control.laws import AnyController, design
-from ssmr.control.loop import ClosedRun, LoopSettings, run_loop
+from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
-from ssmr.control.population import Bodies, run_bodies, run_loops
+from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
-from ssmr.models.four_wheel_plant import FourWheelBodies, FourWheelPlant
+from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.models.linear import matrices
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
@@ -29,7 +29,6 @@ from validation.experiment.user_law import is_user_law, load_user_law
 from validation.experiment.waypoint_files import REFERENCES, open_reference, split_speed
 from validation.output import shortened
 from validation.plants.profile import Profile, make_plant
-from validation.simulator.loops import MujocoBodies
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
@@ -191,31 +190,21 @@ def run_robots(
     """
     designed = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
     threads = threads_of(workers)
-    planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
-    simulated = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
-    tyred = [r.body for r in robots if isinstance(r.body, FourWheelPlant)]
-    others = [r.body for r in robots if isinstance(r.body, EnginePlant | OwnPlant)]
-    if len(robots) not in (len(planar), len(simulated), len(tyred), len(others)):
+    bodies: list[Any] = [r.body for r in robots]
+    if len({type(body) for body in bodies}) != 1:
         raise ValueError("a population is one kind of plant")
-    if others:
-        # they have no compiled population: the slow loop drives one after another
-        return [
-            run_loop(body, law, waypoints, how, seeds[i % len(seeds)], start)
-            for i, (body, law, how) in enumerate(zip(others, designed, settings, strict=True))
-        ]
-    make: Callable[[State], Bodies]
-    if simulated:
-        make = partial(MujocoBodies, simulated, threads)
-        drives = [plant.drive for plant in simulated]
-        dt = simulated[0].dt
-    elif tyred:
-        make = partial(FourWheelBodies, tyred)
-        drives = [plant.drive for plant in tyred]
-        dt = tyred[0].dt
-    else:
-        return run_loops(planar, designed, settings, waypoints, seeds, start=start, workers=threads)
+    first = bodies[0]
+    if isinstance(first, PlanarModel):
+        return run_loops(bodies, designed, settings, waypoints, seeds, start=start, workers=threads)
     return run_bodies(
-        make, drives, dt, designed, settings, waypoints=waypoints, seeds=seeds, start=start
+        partial(first.make_bodies, bodies, workers=threads),
+        [body.drive for body in bodies],
+        first.dt,
+        designed,
+        settings,
+        waypoints=waypoints,
+        seeds=seeds,
+        start=start,
     )
 
 

@@ -22,7 +22,7 @@ from ssmr.robot.drive import DRIVE_TEMPLATE, DriveState, Sides, drive_numbers, f
 from ssmr.types import FloatArray
 from validation.learning.episodes import AHEAD_TICKS, ERRORS, EpisodeSource, TrackTask
 from validation.output import shortened
-from validation.simulator.loops import MujocoBodies
+from validation.simulator.bodies import MujocoBodies
 from validation.simulator.parts import mujoco_failures
 
 WIDTH = 0.1

@@ -7,23 +7,24 @@ results do not depend on how long chunks are, to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
 import mujoco
 import numpy as np
 
-from ssmr.errors import DivergedError
 from ssmr.geometry import (
     quat_wxyz_to_yaw,
     rotate_body_to_world,
     rotate_world_to_body,
     yaw_to_quat_wxyz,
 )
-from ssmr.robot.drive import Driver, motor_numbers, reference_chunks, whole_steps
+from ssmr.robot.bodies import BodyPlant
+from ssmr.robot.drive import motor_numbers, reference_chunks, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
+from validation.simulator.bodies import MujocoBodies
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.model import FREE_DRIVE, contact_settings, robot_model
@@ -59,12 +60,11 @@ _TURN = 2.0 * np.pi
 stop_the_stopwatch()
 
 
-class MujocoPlant:
+class MujocoPlant(BodyPlant):
     """A calibrated robot on its ground."""
 
     name = "mujoco"
-    drive: Drive
-    """Saturation, delays and conversions between command and wheels."""
+    _bodies: MujocoBodies
     settings: PhysicsSettings
     """Settings of the physics engine."""
     parts: Parts
@@ -94,6 +94,7 @@ class MujocoPlant:
         self.settings = settings
         model = self.model = robot_model(calibration, terrain, settings, drive)
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
+        self.dt = float(model.opt.timestep)
         self.calibration = calibration
         self.drive = drive
         self.parts = robot_parts(model)
@@ -103,7 +104,6 @@ class MujocoPlant:
         if terrain.level:
             level = level_rest(model, mujoco.MjData(model), calibration)
         self._resting = self._settle() if level is None else level
-        self._driver: Driver | None = None
 
     @cached_property
     def yaw_inertia(self) -> float:
@@ -127,11 +127,6 @@ class MujocoPlant:
         gain = 2.0 * armature / ((PRESCRIBED_LAG + 1.0) * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
         return robot_model(heavy, self.terrain, self.settings, FREE_DRIVE)
-
-    @property
-    def dt(self) -> float:
-        """Physics step [s]."""
-        return float(self.model.opt.timestep)
 
     def _settle(self) -> FloatArray:
         """Return the (nq,) configuration at rest at the origin, after letting the robot settle."""
@@ -158,59 +153,11 @@ class MujocoPlant:
             velocity[dofs] = rate
         return np.concatenate([[0.0], rest, velocity, np.zeros(self.model.na)])
 
-    def _read(self) -> State:
-        """Return the simulator's state as a planar one; yaw is unwrapped from the last reading."""
-        data = self._data
-        yaw = quat_wxyz_to_yaw(data.qpos[None, 3:7]) + _TURN * self._turns
-        return State(*self.parts.planar(data.qpos[None], data.qvel[None], yaw)[0].tolist())
-
-    @cached_property
-    def _data(self) -> mujoco.MjData:
-        """Return the state of the robot that is driven step by step; a run has another."""
-        return mujoco.MjData(self.model)
-
-    @mujoco_failures()
-    def reset(self, state: State) -> State:
-        """Start from `state`, resting on its tyres, with empty delay lines.
-
-        Nothing of former runs is kept.
-        """
-        self._driver = Driver(self.drive, self.dt, state)
-        data = self._data
-        whole = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        mujoco.mj_resetData(self.model, data)
-        mujoco.mj_setState(self.model, data, self.placed(state), whole)
-        yaw = float(quat_wxyz_to_yaw(data.qpos[3:7]))
-        self._turns = round((state.yaw - yaw) / _TURN)
-        self._last = self._read()
-        return self._last
-
-    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
-        """Hold a twist command for `dt` [s].
-
-        Raises:
-            DivergedError: the simulator warned or left the finite numbers.
-        """
-        data, driver = self._begun()
-        data.qfrc_applied[5] = self.yaw_inertia * yaw_acceleration
-        # to within a step: enough to count whole turns, however long the command is held
-        turned = self._last.yaw
-        references = driver.references(command, whole_steps(dt, self.dt, "the step"))
-        for control in controls(self.model, references):
-            data.ctrl[:] = control
-            before = data.time
-            mujoco.mj_step(self.model, data)
-            if not data.time > before:
-                raise DivergedError(
-                    f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last
-                )
-            turned += self.dt * float(data.qvel[5])
-        self._last = self._read()
-        turns = round((turned - self._last.yaw) / _TURN)
-        if turns:
-            self._turns += turns
-            self._last = self._read()
-        return self._last
+    def make_bodies(
+        self, plants: Sequence[MujocoPlant], state: State, workers: int = 1
+    ) -> MujocoBodies:
+        """Return robots in a state, resting on their tyres; they share `workers` threads."""
+        return MujocoBodies(plants, workers, state)
 
     def imu(self) -> tuple[FloatArray, FloatArray]:
         """Return (3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU.
@@ -218,12 +165,12 @@ class MujocoPlant:
         Both are along its axes. The force is that under the last step's inputs; reading it changes
         nothing.
         """
+        if self._driver is None:
+            self.reset(State())
         model = self.model
         site = model.site("imu").id
         kind = mujoco.mjtObj.mjOBJ_SITE
-        data, _ = self._begun()
-        probe = self._probe
-        mujoco.mj_copyState(model, data, probe, mujoco.mjtState.mjSTATE_INTEGRATION)
+        probe = self._bodies.data_of(0)
         mujoco.mj_forward(model, probe)
         mujoco.mj_rnePostConstraint(model, probe)  # bodies' accelerations
         # of both, the angular part comes first
@@ -232,18 +179,6 @@ class MujocoPlant:
         mujoco.mj_objectVelocity(model, probe, kind, site, velocity, 1)
         mujoco.mj_objectAcceleration(model, probe, kind, site, acceleration, 1)
         return velocity[:3], acceleration[3:]
-
-    def _begun(self) -> tuple[mujoco.MjData, Driver]:
-        """Return state and driver of the stepwise run, which starts at rest at the origin."""
-        if self._driver is None:
-            self.reset(State())
-        assert self._driver is not None  # by `reset`
-        return self._data, self._driver
-
-    @cached_property
-    def _probe(self) -> mujoco.MjData:
-        """Return a second state of the simulator, for readings that leave the first untouched."""
-        return mujoco.MjData(self.model)
 
     @mujoco_failures()
     def run(

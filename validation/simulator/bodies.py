@@ -1,12 +1,12 @@
-"""MuJoCo's robots in a batch, for closed loops: a whole population, each with its own body.
+"""MuJoCo's robots in a batch: one robot or a whole population, each with its own body.
 
-A batch advances by whole periods of the position loop, as fast as an open-loop rollout;
-`ssmr.control.population.run_bodies` is the robots' side.
+A batch advances by many steps at once, as fast as an open-loop rollout.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,7 +17,10 @@ from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.robot.drive import motor_numbers
 from ssmr.types import FloatArray, State
 from validation.simulator.motors import controls
-from validation.simulator.plant import MujocoPlant
+
+_TURN = 2.0 * np.pi
+_READING = 0.1
+"""Longest time between two readings of yaw [s], so that no half turn lies between them."""
 
 
 class MujocoBodies:
@@ -28,10 +31,8 @@ class MujocoBodies:
     qvel: FloatArray
     """(S, nv) MuJoCo's velocities; a view."""
 
-    def __init__(
-        self, plants: Sequence[MujocoPlant], workers: int, state: State | None = None
-    ) -> None:
-        """Make room for robots that move as `plants` do, several of which may be one.
+    def __init__(self, plants: Sequence[Any], workers: int = 1, state: State | None = None) -> None:
+        """Make room for robots that move as `MujocoPlant`s do, several of which may be one.
 
         They share `workers` threads. `place` puts each on its ground, which is done here if a
         `state` is given.
@@ -65,7 +66,7 @@ class MujocoBodies:
             self.place(range(len(plants)), [state] * len(plants))
 
     def place(
-        self, rows: Sequence[int], states: Sequence[State], plants: Sequence[MujocoPlant] = ()
+        self, rows: Sequence[int], states: Sequence[State], plants: Sequence[Any] = ()
     ) -> None:
         """Put the robots of some rows into states, with no memory of former motion.
 
@@ -94,12 +95,19 @@ class MujocoBodies:
 
     def states(self) -> FloatArray:
         """Return (S, 10) fields of `ssmr.types.Motion`; yaw goes on from the last reading."""
-        turn = quat_wxyz_to_yaw(self.qpos[:, 3:7]) - self._yaw
-        self._yaw = self._yaw + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+        self._read_yaw()
         planar = self._first.parts.planar(self.qpos, self.qvel, self._yaw)
         force = self._force[:, self._wheels]
         torques = force[:, :2] + force[:, 2:] - self._braking * planar[:, 6:8]
         return np.hstack([planar, torques])
+
+    def _read_yaw(self) -> None:
+        yaw = quat_wxyz_to_yaw(self.qpos[:, 3:7])
+        self._yaw = yaw + _TURN * np.round((self._yaw - yaw) / _TURN)
+
+    def data_of(self, row: int) -> mujoco.MjData:
+        """Return a copy of a robot's state in the simulator, which nothing else uses."""
+        return self._batch.get_data(row)
 
     def advance(
         self, references: FloatArray, pushes: FloatArray, rows: NDArray[np.int32] | None = None
@@ -116,5 +124,9 @@ class MujocoBodies:
         control[:, :, :nu] = controls(self._first.model, references)
         inertia = self._inertia if rows is None else self._inertia[rows]
         control[:, :, nu + 5] = inertia[:, None] * pushes
-        steps = references.shape[1]
-        self._batch.rollout(steps, control, control_spec=self._spec, record=(), ids=rows)
+        most = max(1, round(_READING / self._first.dt))
+        for first in range(0, references.shape[1], most):
+            if first:
+                self._read_yaw()
+            part = np.ascontiguousarray(control[:, first : first + most])
+            self._batch.rollout(part.shape[1], part, control_spec=self._spec, record=(), ids=rows)

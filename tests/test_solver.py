@@ -155,7 +155,9 @@ def test_the_imu_is_mujocos_own_and_reading_it_changes_nothing(lab_section: Plan
     for k in range(40):
         command = (0.5, 0.3 * math.sin(0.2 * k))
         assert read.step(command, 0.05) == unread.step(command, 0.05)
-        mujoco.mj_getState(read.model, read._data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_getState(
+            read.model, read._bodies.data_of(0), state, mujoco.mjtState.mjSTATE_INTEGRATION
+        )
         mujoco.mj_setState(full, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_forward(full, data)
         gyro, force = read.imu()

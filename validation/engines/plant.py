@@ -39,7 +39,7 @@ _YAW_RATE = 5
 """Place of the yaw rate among the fields of a motion."""
 
 
-class EngineRobot:
+class _EngineRobot:
     """One robot inside an engine, with its motors; a side's torque is `ssmr.robot.drive`'s."""
 
     def __init__(self, plant: EnginePlant) -> None:
@@ -135,10 +135,10 @@ class EngineRobot:
         self._loads = self._body.wheel_loads()
 
 
-class EngineBodies:
+class _EngineBodies:
     """Robots in an engine that advance one after another."""
 
-    def __init__(self, robots: Sequence[EngineRobot], state: State) -> None:
+    def __init__(self, robots: Sequence[_EngineRobot], state: State) -> None:
         """Put the robots into a state."""
         self._robots = robots
         self._finite = np.ones(len(robots), dtype=np.bool_)
@@ -207,14 +207,14 @@ class EnginePlant(BodyPlant):
                 f"timestep {self.dt:g} s is too long for a gain of {calibration.gain:g} N m s/rad "
                 f"on wheels of {inertia:.3g} kg m2 a side: {name} needs at most {longest:.2g} s"
             )
-        self._robot = EngineRobot(self)
+        self._robot = _EngineRobot(self)
 
     def make_bodies(
         self, plants: Sequence[EnginePlant], state: State, workers: int = 1
-    ) -> EngineBodies:
+    ) -> _EngineBodies:
         """Return robots in a state; the first is the one that stands here, the others are new."""
-        others = [EngineRobot(plant) for plant in plants[1:]]
-        return EngineBodies([plants[0]._robot, *others], state)
+        others = [_EngineRobot(plant) for plant in plants[1:]]
+        return _EngineBodies([plants[0]._robot, *others], state)
 
     def run(
         self,

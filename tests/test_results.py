@@ -9,6 +9,7 @@ import itertools
 import json
 from collections.abc import Callable
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
-from PIL import Image
 
 from ssmr.control.references import circle, line
 from tests.test_gains import hopeless
@@ -29,7 +29,7 @@ from validation.files.csv_logs import write_csv
 from validation.fit import fit
 from validation.output import Progress
 from validation.plants.profile import Profile
-from validation.report.drawing import save_figure
+from validation.report.picture import png_of
 from validation.robots import check_robot
 from validation.track import track
 from validation.tune import tune
@@ -180,25 +180,29 @@ def test_no_line_over_time_bridges_a_gap(result: Callable[[str], Any]) -> None:
             assert not np.isfinite(y[ends]).any()
 
 
-def test_no_setting_leaks_into_a_picture(result: Callable[[str], Any], tmp_path: Path) -> None:
+def test_no_setting_leaks_into_a_picture(result: Callable[[str], Any]) -> None:
     made = result("compare one plant")
-    save_figure(made.figure(), tmp_path / "plain.png")
+    plain = png_of(made.figure())
     with matplotlib.rc_context(
         {"font.size": 30.0, "axes.facecolor": "black", "lines.linewidth": 9.0, "savefig.dpi": 20}
     ):
-        save_figure(made.figure(), tmp_path / "styled.png")
-    assert np.array_equal(imread(tmp_path / "plain.png"), imread(tmp_path / "styled.png"))
+        styled = png_of(made.figure())
+    assert np.array_equal(imread(BytesIO(plain)), imread(BytesIO(styled)))
 
 
 def test_a_picture_that_fails_leaves_what_was_there_and_the_numbers_are_kept(
     result: Callable[[str], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def half(self: Image.Image, fname: Path, **_: object) -> None:
-        fname.write_bytes(b"half")
+    whole = Path.write_bytes
+
+    def half(self: Path, data: bytes) -> int:
+        if self.suffix != ".png":
+            return whole(self, data)
+        whole(self, data[: len(data) // 2])
         raise OSError("disk full")
 
-    (tmp_path / "compare.png").write_bytes(b"before")
-    monkeypatch.setattr(Image.Image, "save", half)
+    whole(tmp_path / "compare.png", b"before")
+    monkeypatch.setattr(Path, "write_bytes", half)
     with pytest.raises(OSError, match="disk full"):
         result("compare one plant").save(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"compare.png", "compare.json"}

@@ -11,14 +11,13 @@ import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
-from validation.output import abridged, shortened, write_atomic
+from validation.output import abridged, shortened
 from validation.report.palette import BLACK, colour, mix
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 _WIDTH_IN = 12.8
 _DPI = 125
 _EDGE_IN = 0.12
-_STYLE = Path(__file__).with_name("style.mplstyle")
 
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[["Axes"], None]
@@ -280,8 +278,7 @@ def draw_page(
 ) -> Figure:
     """Draw rows of panels from top to bottom into a figure 1600 px wide.
 
-    The figure is drawn once, so that its ticks have this style too; `save_figure` writes that
-    drawing.
+    The figure is drawn once, so that its ticks have this style too; `png_of` gives that drawing.
 
     Args:
         title: its heading.
@@ -293,7 +290,8 @@ def draw_page(
     """
     import matplotlib.style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+
+    from validation.report.picture import STYLE, Picture
 
     labels = [str(line.get_label()) for line in legend]
     longest = max((len(line) for label in labels for line in label.split("\n")), default=1)
@@ -303,9 +301,9 @@ def draw_page(
     text = "\n".join(map(_wrapped, notes))
     below = _LINE_IN * (text.count("\n") + 2.2) if notes else 0.0
     heights = [_TITLE_IN + _LINE_IN * deep, *(row.height for row in rows)]
-    with matplotlib.style.context(["default", _STYLE]):
+    with matplotlib.style.context(["default", STYLE]):
         tall = sum(heights) + below + _FOOT_IN
-        figure = Figure(figsize=(_WIDTH_IN, tall), dpi=_DPI, layout="constrained")
+        figure = Picture(figsize=(_WIDTH_IN, tall), dpi=_DPI, layout="constrained")
         FigureCanvasAgg(figure)
         heights.append(below + _FOOT_IN)
         head, *parts, tail = figure.subfigures(
@@ -349,24 +347,3 @@ def how_driven(
     used = [f"{name} {versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in versions]
     parts = [f"profile {shortened(profile, 32)}", *words, *ground, *used]
     return shortened(" · ".join(parts), 170)
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure, whole or not at all; the path's suffix says the format (.png, .svg, .pdf).
-
-    Raises:
-        ValueError: the format is unknown; nothing is written.
-        OSError: the file cannot be written.
-    """
-    import matplotlib.style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
-
-    canvas = figure.canvas
-    if path.suffix.lower() == ".png" and isinstance(canvas, FigureCanvasAgg) and not figure.stale:
-        pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
-        resolution = (figure.dpi, figure.dpi)
-        write_atomic(path, lambda part: pixels.save(part, dpi=resolution, compress_level=1))
-        return
-    with matplotlib.style.context(["default", _STYLE]):
-        write_atomic(path, lambda temporary: figure.savefig(temporary, dpi=figure.dpi))

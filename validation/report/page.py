@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 import html
 from collections.abc import Iterable, Sequence
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 from validation.output import markdown, one_line
 from validation.report.report import Report
-from validation.report.table import Table, html_of, section
+from validation.report.table import Table, html_of, image_html, section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,16 +66,14 @@ def calibration_page(
 
 def _html_page(title: str, parts: Iterable[str | Figure]) -> str:
     """Return a page of pieces of markdown and of figures, which are inside it as PNG."""
+    from validation.report.picture import png_of
+
     body = ""
     for part in parts:
         if isinstance(part, str):
             body += html_of(part)
             continue
-        picture = BytesIO()
-        part.savefig(picture, format="png")
-        data = base64.b64encode(picture.getvalue()).decode()
-        image = f'<img alt="{html.escape(title)}" src="data:image/png;base64,{data}">'
-        body += f"<figure>{image}</figure>\n"
+        body += f"<figure>{image_html(png_of(part), title)}</figure>\n"
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

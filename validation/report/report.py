@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from validation import output
 from validation.output import code_span, each_line, markdown, one_line, shortened
 from validation.report.columns import legend
-from validation.report.table import Table, html_of, section, text_tables
+from validation.report.table import Table, html_of, image_html, section, text_tables
 
 if TYPE_CHECKING:
     import pandas
@@ -138,7 +139,16 @@ class Report:
         return f"<{self.program}: {self.title}; table() and figure() show it>"
 
     def _repr_html_(self) -> str:
-        return html_of(self.to_markdown())
+        return self._repr_mimebundle_()["text/html"]
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
+        """Return its text with its picture below, and the picture for what shows no HTML."""
+        shown = {"text/html": html_of(self.to_markdown())}
+        png = self._draw_png("the picture") if "png" in self.endings else None
+        if png is not None:
+            shown["image/png"] = base64.b64encode(png).decode()
+            shown["text/html"] += image_html(png, self.title)
+        return shown
 
     def files(self) -> dict[str, Callable[[Path], object]]:
         """Return writers of the files beside its JSON file, by name."""
@@ -149,16 +159,22 @@ class Report:
         output.write_text(path, each_line(self.to_markdown()))
 
     def _save_picture(self, path: Path) -> None:
-        """Write its picture; a warning says that numbers beyond all measure cannot be drawn."""
-        from validation.report.drawing import save_figure
+        png = self._draw_png(str(path))
+        if png is None:
+            path.unlink(missing_ok=True)  # an older one would show other numbers
+        else:
+            output.write_atomic(path, lambda beside: beside.write_bytes(png))
+
+    def _draw_png(self, name: str) -> bytes | None:
+        """Return its picture; None, with a warning, where numbers are beyond all measure."""
+        from validation.report.picture import png_of
 
         try:
-            save_figure(self.figure(), path)
-        except (ValueError, ArithmeticError, MemoryError) as error:  # which are in the other files
-            path.unlink(missing_ok=True)  # an older one would show other numbers
-            _log.warning(
-                "%s cannot be drawn (%s); the numbers are written", path, shortened(error, _LONGEST)
-            )
+            return png_of(self.figure())
+        except (ValueError, ArithmeticError, MemoryError) as error:
+            why = shortened(error, _LONGEST)
+            _log.warning("%s cannot be drawn (%s); the numbers are kept", name, why)
+            return None
 
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
         """Write its JSON file, which names the files that follow, and then these.

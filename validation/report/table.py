@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import html
 import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -224,7 +226,8 @@ def text_tables(
 ) -> str:
     """Return a verdict, tables, and sentences below them, as text of at most `width` columns."""
     out = io.StringIO()
-    console = Console(file=out, width=width, color_system=None)
+    # a notebook would show it at once, and give no text
+    console = Console(file=out, width=width, color_system=None, force_jupyter=False)
     print_tables(console, tables, notes, verdict)
     return out.getvalue()
 
@@ -272,3 +275,9 @@ def html_of(text: str) -> str:
     from markdown_it import MarkdownIt
 
     return MarkdownIt("commonmark", {"html": False}).enable("table").render(each_line(text))
+
+
+def image_html(png: bytes, title: str) -> str:
+    """Return a picture as a piece of HTML that needs no other file."""
+    data = base64.b64encode(png).decode()
+    return f'<img alt="{html.escape(title)}" src="data:image/png;base64,{data}">\n'

@@ -294,6 +294,35 @@ environment.close()
 """
 
 
+def test_a_vector_is_its_single_environments(gymnasium: Any) -> None:
+    """Row i of a seed s is the environment of s + i, also from one episode to the next."""
+    rows, ticks, seed = 3, 50, 7
+    task = {"seconds": 1.0, "spread": 0.5}
+    many = gymnasium.make_vec(TRACK, rows, **task)
+    assert type(many.unwrapped).__name__ == "TrackVectorEnv"
+    ones = gymnasium.make_vec(TRACK, rows, vectorization_mode="sync", **task)
+    np.testing.assert_array_equal(many.reset(seed=seed)[0], ones.reset(seed=seed)[0])
+    rng = np.random.default_rng(0)
+    ended = 0
+    for _ in range(ticks):
+        actions = rng.uniform(-1.0, 1.0, (rows, 2)).astype(np.float32)
+        *ours, info = many.step(actions)
+        *theirs, other = ones.step(actions)
+        for a, b in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(a, b)
+        known = info["_away"]
+        if "away" in other:
+            np.testing.assert_array_equal(known, other["_away"])
+            np.testing.assert_array_equal(info["away"][known], other["away"][known])
+        ended += int(np.sum(ours[2] | ours[3]))
+    assert ended >= rows
+    assert many.single_observation_space == ones.single_observation_space
+    assert many.action_space == ones.action_space
+    many.reset(seed=[1, None, 3])
+    ones.reset(seed=[1, None, 3])
+    np.testing.assert_array_equal(many.reset(seed=[5, 6, 7])[0], ones.reset(seed=[5, 6, 7])[0])
+
+
 def test_an_environment_gives_a_frame_of_its_robot(gymnasium: Any) -> None:
     """MuJoCo chooses how it draws when it is imported."""
     if ctypes.util.find_library("EGL") is None:

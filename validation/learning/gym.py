@@ -1,7 +1,7 @@
 """Trajectory tracking as the Gymnasium environment `ssmr/Track-v0` (extra `learning`).
 
 Importing this module registers it; `gymnasium.make("validation.learning.gym:ssmr/Track-v0")` does
-both.
+both, and so does `gymnasium.make_vec`, whose robots are one batch.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import os
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -30,6 +31,8 @@ except ImportError as missing:
         "or use validation.learning.tracking, which needs dm_env alone"
     ) from missing
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 
 _TRACK_ID = "ssmr/Track-v0"
 """Name of the environment."""
@@ -55,8 +58,7 @@ class TrackEnv(gymnasium.Env):
         self.render_mode = render_mode
         self._renderer: mujoco.Renderer | None = None
         self.batch = TrackBatch(TrackTask(**task), 1, 1)
-        self.observation_space = spaces.Box(-1.0, 1.0, (len(self.batch.source.bounds),), np.float32)
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space, self.action_space = _spaces_of(self.batch)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -65,7 +67,7 @@ class TrackEnv(gymnasium.Env):
         super().reset(seed=seed)
         if seed is not None:
             self.batch.seed(0, seed)
-        return self._shares(self.batch.reset()), {}
+        return _as_shares(self.batch, self.batch.reset())[0], {}
 
     def step(self, action: Any) -> tuple[FloatRow, float, bool, bool, dict[str, Any]]:
         """Advance by 50 ms; the info has `away`, the distance from the target [m].
@@ -74,7 +76,7 @@ class TrackEnv(gymnasium.Env):
             ValueError: the action is not two finite numbers; nothing has moved.
         """
         now = self.batch.step(np.asarray(action, dtype=np.float64)[None] * self.batch.source.top)
-        seen = self._shares(now.observations)
+        seen = _as_shares(self.batch, now.observations)[0]
         reward = float(now.rewards[0])
         return seen, reward, bool(now.lost[0]), bool(now.over[0]), {"away": float(now.away[0])}
 
@@ -111,8 +113,60 @@ class TrackEnv(gymnasium.Env):
             self._renderer.close()
             self._renderer = None
 
-    def _shares(self, observations: FloatArray) -> FloatRow:
-        return (observations[0] / self.batch.source.bounds).astype(np.float32)
+
+class TrackVectorEnv(VectorEnv):
+    """Many robots that follow a target each, as one batch.
+
+    Row i of a seed s is a `TrackEnv` of the seed s + i. A row whose episode has ended begins
+    another at its next step, which does not look at the action.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 - as above
+
+    def __init__(self, num_envs: int = 1, workers: int | None = None, **task: Any) -> None:
+        """Make the robots, on all cores or so many `workers`; `task` as for `TrackEnv`.
+
+        Raises:
+            ValueError: as `TrackBatch`.
+        """
+        self.num_envs = num_envs
+        self.batch = TrackBatch(TrackTask(**task), num_envs, workers)
+        self.single_observation_space, self.single_action_space = _spaces_of(self.batch)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[FloatRow, dict[str, Any]]:
+        """Begin an episode in every row; a seed, or one for each row, decides all that follow."""
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        first = range(seed, seed + self.num_envs) if isinstance(seed, int) else seed or ()
+        for row, own in enumerate(first):
+            if own is not None:
+                self.batch.seed(row, own)
+        return _as_shares(self.batch, self.batch.reset()), {}
+
+    def step(self, actions: Any) -> tuple[FloatRow, FloatArray, Any, Any, dict[str, Any]]:
+        """Advance every row by 50 ms; the info has `away`, the distances from the targets [m].
+
+        Raises:
+            ValueError: the actions are not two finite numbers a row; nothing has moved.
+        """
+        now = self.batch.step(np.asarray(actions, dtype=np.float64) * self.batch.source.top)
+        seen = _as_shares(self.batch, now.observations)
+        return seen, now.rewards, now.lost, now.over, {"away": now.away, "_away": ~now.began}
+
+
+def _spaces_of(batch: TrackBatch) -> tuple[spaces.Box, spaces.Box]:
+    seen = spaces.Box(-1.0, 1.0, (len(batch.source.bounds),), np.float32)
+    return seen, spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+
+def _as_shares(batch: TrackBatch, observations: FloatArray) -> FloatRow:
+    return (observations / batch.source.bounds).astype(np.float32)
 
 
 def _picture_model(robot: Robot) -> mujoco.MjModel:
@@ -125,4 +179,4 @@ def _picture_model(robot: Robot) -> mujoco.MjModel:
     return spec.compile()
 
 
-gymnasium.register(id=_TRACK_ID, entry_point=TrackEnv)
+gymnasium.register(id=_TRACK_ID, entry_point=TrackEnv, vector_entry_point=TrackVectorEnv)

@@ -414,10 +414,10 @@ PRICES = {
         "these)",
     ),
     "validation/learning": Price(
-        6_600,
+        6_700,
         5,
         12,
-        "reinforcement learning on the robot: Gymnasium and dm_control",
+        "reinforcement learning on the robot: Gymnasium, also many as one batch, and dm_control",
     ),
     "validation/descriptions": Price(
         31_200,

@@ -9,44 +9,29 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from benchmarks.rows import Row, alternate, imports, ratio, report
+from benchmarks.rows import IMPORTS, Pair, report_rows, time_pairs
 from ssmr.control.loop import LoopSettings
-from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.references import circle
-from ssmr.simulation import PlanarModel
-from ssmr.types import State
 from validation import cli
 from validation.experiment.gains import load_gains
-from validation.experiment.loops import make_controller, make_robot
+from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
-from validation.simulator.bodies import MujocoBodies
 from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 
 
-def _loop_rows(repeats: int, robots: int) -> list[Row]:
-    """Time closed loops of pid: improved beside the imports, MuJoCo beside rollouts."""
+def _pair_loops(robots: int) -> dict[str, Pair]:
+    """Return closed loops of pid: improved beside the imports, MuJoCo beside rollouts."""
     profile = load_profile("thesis-lab")
     law = make_controller(profile, load_gains("pid", "published"))
-    settings = LoopSettings()
-    body, plant = (make_robot(profile, name).body for name in ("improved", "mujoco"))
-    assert isinstance(body, PlanarModel)
-    assert isinstance(plant, MujocoPlant)
-    way = circle(0.5)
+    planar, simulated = (make_robot(profile, name) for name in ("improved", "mujoco"))
+    common = ([law] * robots, [LoopSettings()] * robots)
+    run_planar = partial(run_robots, [planar] * robots, *common, circle(0.5), range(4), 1)
     short = circle(0.5, 1.5, 0.25)
-    laws = [law] * robots
-    loops = [settings] * robots
-    run_planar = partial(run_loops, [body] * robots, laws, loops, way, range(4))
-    (planar,) = alternate(run_planar, repeats=repeats)
-
-    def bodies(state: State) -> MujocoBodies:
-        return MujocoBodies([plant] * robots, 1, state)
-
-    drives = [plant.drive] * robots
-    close = partial(
-        run_bodies, bodies, drives, plant.dt, laws, loops, waypoints=short, seeds=range(4)
-    )
+    close = partial(run_robots, [simulated] * robots, *common, short, range(4), 1)
+    plant = simulated.body
+    assert isinstance(plant, MujocoPlant)
     run = close()[0]
     ticks = round(float(run.t[-1]) / plant.dt) // (len(run.t) - 1)
     set_points = np.repeat(run.table[:-1, 6:8], ticks, axis=0)
@@ -54,11 +39,10 @@ def _loop_rows(repeats: int, robots: int) -> list[Row]:
     start = np.repeat(plant.placed(short.start)[None], robots, axis=0)
     data = mujoco.MjData(plant.model)
     roll_out = partial(rollout.rollout, plant.model, data, start, control)
-    closed, opened = alternate(close, roll_out, repeats=repeats)
-    return [
-        ratio(f"{robots} circles by pid, improved / imports", planar, imports(), most=0.13),
-        ratio(f"{robots} closed loops on MuJoCo / open-loop rollouts", closed, opened, most=1.2),
-    ]
+    return {
+        f"{robots} circles by pid, improved / imports": (run_planar, IMPORTS, "<= 0.13"),
+        f"{robots} closed loops on MuJoCo / open-loop rollouts": (close, roll_out, "<= 1.2"),
+    }
 
 
 def _follow_targets(batch: TrackBatch) -> None:
@@ -70,14 +54,13 @@ def _follow_targets(batch: TrackBatch) -> None:
         seen = batch.step(commands).observations
 
 
-def _episode_row(repeats: int, robots: int, seconds: float) -> Row:
-    """Time episodes of many robots, their beginnings included."""
+def _pair_episodes(robots: int, seconds: float) -> dict[str, Pair]:
+    """Return episodes of many robots, their beginnings included, beside the imports."""
     batch = TrackBatch(TrackTask(seconds=seconds), robots, 1)
     for row in range(robots):
         batch.seed(row, row)
-    (episodes,) = alternate(partial(_follow_targets, batch), repeats=repeats)
-    ticks = robots * batch.source.most_ticks
-    return ratio(f"{ticks} ticks of episodes / imports", episodes, imports(), most=5.2)
+    what = f"{robots * batch.source.most_ticks} ticks of episodes / imports"
+    return {what: (partial(_follow_targets, batch), IMPORTS, "<= 5.2")}
 
 
 def main(
@@ -90,11 +73,11 @@ def main(
         repeats: Number of times that each is timed; the fastest counts.
         quick: Time small populations once: a check that everything runs.
     """
-    if quick:
-        rows = [*_loop_rows(1, 2), _episode_row(1, 4, 1.0)]
-    else:
-        rows = [*_loop_rows(repeats, 64), _episode_row(repeats, 64, 20.0)]
-    report("benchmarks/control: ratios of the fastest processor times", rows, out)
+    loops = 2 if quick else 64
+    episodes = (4, 1.0) if quick else (64, 20.0)
+    pairs = _pair_loops(loops) | _pair_episodes(*episodes)
+    rows = time_pairs(pairs, 1 if quick else repeats)
+    report_rows("benchmarks/control: ratios of the fastest processor times", rows, out)
 
 
 if __name__ == "__main__":

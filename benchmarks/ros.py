@@ -12,11 +12,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import MissingError, Row, optional, report
+from benchmarks.rows import MissingError, Row, measure_if_installed, report_rows
 from validation import cli
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
@@ -28,7 +29,7 @@ _BACK = "/back"
 _KIND = "nav_msgs/msg/Odometry"
 
 
-def connect(name: str, domain: int, sent: str, heard: str) -> Node:
+def connect_node(name: str, domain: int, sent: str, heard: str) -> Node:
     """Return a node that sends odometry on one topic and receives it on another."""
     try:
         node = Node(name, Graph(domain=domain))
@@ -39,21 +40,21 @@ def connect(name: str, domain: int, sent: str, heard: str) -> Node:
     return node
 
 
-def send(node: Node, topic: str, stamp: float) -> None:
+def send_odometry(node: Node, topic: str, stamp: float) -> None:
     """Send an odometry whose stamp [s] tells it from others."""
     node.publish(topic, msg.odometry_message(stamp, np.zeros(3), (0.1, 0.2), np.eye(3), np.eye(3)))
 
 
-def echo(domain: int) -> None:
+def echo_messages(domain: int) -> None:
     """Send back every message, without end."""
-    node = connect("echo", domain, _BACK, _THERE)
+    node = connect_node("echo", domain, _BACK, _THERE)
     while True:
         for _, stamp in node.receive(1.0):
-            send(node, _BACK, stamp)
+            send_odometry(node, _BACK, stamp)
 
 
 @contextlib.contextmanager
-def running(codes: Sequence[str]) -> Iterator[None]:
+def running_processes(codes: Sequence[str]) -> Iterator[None]:
     """Yield processes of Python that run these lines, killed at the end."""
     started = [subprocess.Popen([sys.executable, "-c", code]) for code in codes]
     try:
@@ -67,12 +68,12 @@ def running(codes: Sequence[str]) -> Iterator[None]:
 def _round_trips(node: Node, count: int, busy: int) -> Row:
     """Send `count` messages while `busy` processes compute; count and time those that return."""
     trips: list[float] = []
-    with running(["while True: pass"] * busy):
+    with running_processes(["while True: pass"] * busy):
         start = time.monotonic()
         began = time.process_time()
         for k in range(count + int(RATE)):  # and a second for the last ones
             if k < count:
-                send(node, _THERE, time.monotonic())
+                send_odometry(node, _THERE, time.monotonic())
             while (left := start + (k + 1) / RATE - time.monotonic()) > 0.0:
                 for _, stamp in node.receive(left):
                     if stamp >= start:
@@ -83,13 +84,13 @@ def _round_trips(node: Node, count: int, busy: int) -> Row:
     return {"busy_processes": busy, "load": os.getloadavg()[0], "messages": count, **row}
 
 
-def measure(count: int, loads: Sequence[int]) -> list[Row]:
+def measure_round_trips(count: int, loads: Sequence[int]) -> list[Row]:
     """Return a row for each number of processes that take all of a processor."""
     domain = 1 + os.getpid() % 100  # one that is hardly taken
-    node = connect("sender", domain, _THERE, _BACK)
-    with running([f"from benchmarks.ros import echo; echo({domain})"]):
+    node = connect_node("sender", domain, _THERE, _BACK)
+    with running_processes([f"from benchmarks.ros import echo_messages; echo_messages({domain})"]):
         for _ in range(300):
-            send(node, _THERE, 0.0)
+            send_odometry(node, _THERE, 0.0)
             if node.receive(0.1):
                 break
         else:
@@ -112,8 +113,9 @@ def main(
     if not 1.0 <= seconds <= 3600.0:
         raise ValueError(f"--seconds {seconds:g}: must be 1 to 3600")
     count = round(RATE * (2.0 if quick else seconds))
-    rows = optional(quick, lambda: measure(count, (0, os.cpu_count() or 1))) or []
-    report(f"benchmarks/ros: odometry there and back, {RATE:g} Hz", rows, out)
+    measure = partial(measure_round_trips, count, (0, os.cpu_count() or 1))
+    rows = measure_if_installed(quick, measure) or []
+    report_rows(f"benchmarks/ros: odometry there and back, {RATE:g} Hz", rows, out)
 
 
 if __name__ == "__main__":

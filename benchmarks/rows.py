@@ -1,13 +1,13 @@
-"""Parts that the benchmarks share: timing side by side, rows of a table, and the file."""
+"""Parts that the benchmarks share: the table of pairs, their timing side by side, and the file."""
 
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,13 +19,16 @@ from validation import cli, output
 T = TypeVar("T")
 Row = Mapping[str, Any]
 """Numbers and texts by the name of their column, whose ending is the unit."""
+Pair = tuple[Callable[[], object], Callable[[], object], str]
+"""Two calls, and the limit that is asked of the first one's time over the second one's: `<= 1.1`.
+"""
 
 
 class MissingError(ValueError):
     """Something that a part of a benchmark needs is not installed here."""
 
 
-def optional(quick: bool, measure: Callable[[], T]) -> T | None:
+def measure_if_installed(quick: bool, measure: Callable[[], T]) -> T | None:
     """Return what `measure` returns; a quick run leaves out parts that are not installed."""
     try:
         return measure()
@@ -36,54 +39,51 @@ def optional(quick: bool, measure: Callable[[], T]) -> T | None:
         return None
 
 
-def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
-    """The fastest processor time of each call [s]; calls take turns, so load hurts them alike."""
-    times = np.empty((repeats + 1, len(calls)))
-    for i in range(repeats + 1):  # the first round compiles
-        for j, call in enumerate(calls):
-            began = time.process_time()
-            call()
-            times[i, j] = time.process_time() - began
-    return [float(t) for t in times[1:].min(axis=0)]
+def processor_time() -> float:
+    """Return the processor time that this process and its ended children have taken [s]."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def spent(*arguments: str, **variables: str) -> float:
-    """Return the processor time of a new Python with these arguments [s].
+def run_python(*arguments: str, **variables: str) -> None:
+    """Run a new Python with these arguments, and `variables` in its environment.
 
-    `variables` are added to its environment. A CalledProcessError says that it failed.
+    Raises:
+        CalledProcessError: it failed.
     """
+    environment = {**os.environ, **variables}
     command = [sys.executable, *arguments]
-    nowhere = subprocess.DEVNULL
-    before = sum(os.times()[2:4])
-    subprocess.run(command, check=True, env={**os.environ, **variables}, stdout=nowhere)
-    return sum(os.times()[2:4]) - before
+    subprocess.run(command, check=True, env=environment, stdout=subprocess.DEVNULL)
 
 
-@cache
-def imports() -> float:
-    """Return the processor time that the libraries take to be imported [s]: the machine's unit."""
-    code = "import numpy, numba, mujoco, matplotlib, rerun"
-    return min(spent("-c", code) for _ in range(3))
+IMPORTS = partial(run_python, "-c", "import numpy, numba, mujoco, matplotlib, rerun")
+"""The machine's unit: what the libraries take to be imported."""
 
 
-def ratio(
-    what: str, above_s: float, below_s: float, most: float = np.inf, least: float = 0.0
-) -> Row:
-    """Return the row of one time over another, which must lie within two bounds."""
-    value = above_s / below_s
-    limit = f"<= {most:g}" if most < np.inf else f">= {least:g}"
-    ok = "yes" if least <= value <= most else "FALLS SHORT"
-    return {
-        "what": what,
-        "above_ms": 1e3 * above_s,
-        "below_ms": 1e3 * below_s,
-        "ratio": value,
-        "asked": limit,
-        "kept": ok,
-    }
+def time_pairs(pairs: Mapping[str, Pair], repeats: int) -> list[Row]:
+    """Return a row for each pair: the fastest processor times, and their ratio beside its limit.
+
+    The calls of a pair take turns, so that load hurts both alike; the first turn compiles.
+    """
+    rows = list[Row]()
+    for what, (above, below, asked) in pairs.items():
+        times = np.empty((repeats + 1, 2))
+        for turn in times:
+            for k, call in enumerate((above, below)):
+                began = processor_time()
+                call()
+                turn[k] = processor_time() - began
+        first, second = times[1:].min(axis=0).tolist()
+        ratio = first / second
+        compare, limit = asked.split()
+        kept = ratio <= float(limit) if compare == "<=" else ratio >= float(limit)
+        numbers = {"above_ms": 1e3 * first, "below_ms": 1e3 * second, "ratio": ratio}
+        row = {"what": what, **numbers, "asked": asked, "kept": "yes" if kept else "FALLS SHORT"}
+        rows.append(row)
+    return rows
 
 
-def report(title: str, rows: Sequence[Row], out: Path) -> None:
+def report_rows(title: str, rows: Sequence[Row], out: Path) -> None:
     """Print the rows, whose columns are those of the first, and write them as JSON."""
     table = Table(*(rows[0] if rows else ()), title=title)
     for row in rows:

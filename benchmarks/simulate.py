@@ -7,6 +7,7 @@ the fastest times.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,14 +19,13 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from benchmarks.rows import Row, alternate, imports, ratio, report, spent
+from benchmarks.rows import IMPORTS, Pair, Row, report_rows, run_python, time_pairs
 from ssmr.errors import SsmrError
 from ssmr.lanes import run_population
-from ssmr.models.law import PLANAR_MODELS
 from ssmr.robot.drive import wheel_references
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
-from ssmr.types import Commands, FloatArray, State
+from ssmr.types import FloatArray, State
 from validation import cli
 from validation.plants.profile import load_profile
 from validation.simulator.motors import controls
@@ -35,23 +35,21 @@ _POPULATION = 64
 _LANES = {"improved": 5.5, "coulomb": 6.5, "linear": 4.2, "kinematic": 5.4}
 """Lanes must be so many times quicker, by model. The linear one is quick by itself and gains
 least."""
-_STARTS = (
-    ("compare --help", 0.0, 0.95),
-    ("compare traj4", 16.0, 3.9),
-    ("track pid line", 21.0, 3.9),
-)
-"""Programs, and how many times the imports their first and later starts may take."""
+_STARTS = {"compare --help": "<= 0.95", "compare traj4": "<= 3.9", "track pid line": "<= 3.9"}
+_FIRST_STARTS = {"compare traj4": "<= 16", "track pid line": "<= 21"}
+"""Programs, and how many times the imports they may take, later and with nothing compiled yet."""
 LAB = load_profile("thesis-lab")
+COMMANDS = TRAJECTORIES["traj4"].commands()
 
 
-def planar(name: str) -> PlanarModel:
+def planar_model(name: str) -> PlanarModel:
     """Return a planar model with the lab's numbers."""
     section = LAB.plants[name]
     return PlanarModel(section.parameters, section.vehicle, section.drive)
 
 
-def _lane_row(name: str, commands: Commands, repeats: int) -> Row:
-    """Drive 64 candidates of a planar model one by one and in lanes, on one thread.
+def _pair_lanes(name: str) -> Pair:
+    """Return candidates of a planar model one by one, and in lanes, on one thread.
 
     Raises:
         SsmrError: the poses differ.
@@ -60,49 +58,52 @@ def _lane_row(name: str, commands: Commands, repeats: int) -> Row:
     models = []
     for i in range(_POPULATION):
         late = replace(drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i)
-        models.append(replace(planar(name), drive=late))
+        models.append(replace(planar_model(name), drive=late))
     plants = [PlanarPlant(model) for model in models]
-    together = partial(run_population, models, commands, [State()] * _POPULATION, SAMPLE_DT)
+    together = partial(run_population, models, COMMANDS, [State()] * _POPULATION, SAMPLE_DT)
 
-    def alone() -> list[FloatArray]:
-        return [plant.run(commands, State(), SAMPLE_DT).pose for plant in plants]
+    def run_alone() -> list[FloatArray]:
+        return [plant.run(COMMANDS, State(), SAMPLE_DT).pose for plant in plants]
 
-    if not np.array_equal(together(), alone()):
+    if not np.array_equal(together(), run_alone()):
         raise SsmrError(f"{name}: poses in lanes differ from those of single robots")
-    lanes, single = alternate(together, alone, repeats=repeats)
-    what = f"{name}: {_POPULATION} robots one by one / in lanes"
-    return ratio(what, single, lanes, least=_LANES[name])
+    return run_alone, together, f">= {_LANES[name]:g}"
 
 
-def _mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
-    """Return rows of the Husky as a plant beside bare mujoco.rollout of the same model."""
+def _pair_mujoco() -> dict[str, Pair]:
+    """Return the Husky as a plant beside bare mujoco.rollout of the same model, and the imports."""
     section = LAB.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
-    control = controls(plant.model, wheel_references(commands, section.drive, plant.dt, State()))
+    control = controls(plant.model, wheel_references(COMMANDS, section.drive, plant.dt, State()))
     data = mujoco.MjData(plant.model)
     start = plant.placed(State())
-    ours, bare = alternate(
-        lambda: plant.run(commands, State(), SAMPLE_DT),
-        lambda: rollout.rollout(plant.model, data, start[None], control[None]),
-        repeats=repeats,
-    )
-    alone = ratio("trajectory 4 by the mujoco plant / imports", ours, imports(), most=0.13)
-    return [ratio("mujoco plant / bare rollout", ours, bare, most=1.1), alone]
+    run = partial(plant.run, COMMANDS, State(), SAMPLE_DT)
+    bare = partial(rollout.rollout, plant.model, data, start[None], control[None])
+    return {
+        "mujoco plant / bare rollout": (run, bare, "<= 1.1"),
+        "trajectory 4 by the mujoco plant / imports": (run, IMPORTS, "<= 0.13"),
+    }
 
 
-def _start_rows() -> list[Row]:
+def _start_program(words: Sequence[str], folder: str, fresh: bool) -> None:
+    """Run a program; a `fresh` one finds nothing compiled."""
+    with TemporaryDirectory(dir=folder) as new:
+        cache = new if fresh else folder
+        out = ("--out", new, "--overwrite")
+        run_python("-m", f"validation.{words[0]}", *words[1:], *out, XDG_CACHE_HOME=cache)
+
+
+def _time_starts() -> list[Row]:
     """Return rows of programs, at their first start and later, beside their libraries' imports."""
     rows = list[Row]()
     with TemporaryDirectory() as folder:
-        for program, at_first, most in _STARTS:
-            name, *arguments = program.split()
-            command = ("-m", f"validation.{name}", *arguments, "--out", folder, "--overwrite")
-            times = []
-            for _ in range(4):
-                times.append(spent(*command, XDG_CACHE_HOME=f"{folder}/{name}"))
-            if at_first:
-                rows.append(ratio(f"first {program} / imports", times[0], imports(), at_first))
-            rows.append(ratio(f"{program} / imports", min(times), imports(), most))
+        for fresh, programs in ((True, _FIRST_STARTS), (False, _STARTS)):
+            starts = {}
+            for program, asked in programs.items():
+                start = partial(_start_program, program.split(), folder, fresh)
+                starts[f"{'first ' * fresh}{program} / imports"] = (start, IMPORTS, asked)
+            # of first starts, which take long, the second one counts
+            rows += time_pairs(starts, 1 if fresh else 3)
     return rows
 
 
@@ -118,13 +119,13 @@ def main(
     """
     if repeats < 1:
         raise ValueError(f"--repeats {repeats} must be positive")
-    commands = TRAJECTORIES["traj4"].commands()
-    often = 1 if quick else repeats
-    rows = [_lane_row(name, commands, often) for name in PLANAR_MODELS]
-    rows += _mujoco_rows(commands, often)
+    pairs = {f"{name}: {_POPULATION} one by one / in lanes": _pair_lanes(name) for name in _LANES}
+    rows = time_pairs(pairs | _pair_mujoco(), 1 if quick else repeats)
     if not quick:
-        rows += _start_rows()
-    report("benchmarks/simulate: ratios of the fastest times, measured side by side", rows, out)
+        rows += _time_starts()
+    report_rows(
+        "benchmarks/simulate: ratios of the fastest times, measured side by side", rows, out
+    )
 
 
 if __name__ == "__main__":

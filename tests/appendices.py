@@ -6,6 +6,7 @@ An appendix is a room that no other room imports. This is the one list of what b
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain, product
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -62,6 +63,24 @@ APPENDICES: Mapping[str, Sequence[str]] = {
 """Every appendix by name: the patterns of its files, from the root, with its tests and pages."""
 
 
+def room_of_appendix(name: str) -> str:
+    """Return the room of an appendix, such as validation/ros."""
+    return APPENDICES[name][0]
+
+
+def gone_rooms() -> set[str]:
+    """Return the rooms of the appendices that were deleted: tables of rooms do without them."""
+    return {room_of_appendix(name) for name in APPENDICES if not is_there(name)}
+
+
+def is_deleted(path: Path) -> bool:
+    """Whether a path is missing because the appendix that it belongs to was deleted."""
+    place = path.resolve().relative_to(ROOT)
+    gone = chain.from_iterable(APPENDICES[name] for name in APPENDICES if not is_there(name))
+    within = (place, *place.parents)
+    return not path.exists() and any(p.match(pattern) for p, pattern in product(within, gone))
+
+
 def is_there(name: str) -> bool:
     """Whether an appendix was not deleted."""
-    return (ROOT / APPENDICES[name][0]).is_dir()
+    return (ROOT / room_of_appendix(name)).is_dir()

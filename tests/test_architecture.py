@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.appendices import gone_rooms
+
 ROOT = Path(__file__).resolve().parents[1]
 
 ROOMS = (
@@ -109,7 +111,8 @@ def room_imports() -> dict[str, set[str]]:
 
 
 def test_every_module_has_its_room() -> None:
-    assert {room_of(name) for name in modules()} == set().union(*ROOMS)
+    gone = {room.replace("/", ".") for room in gone_rooms()}
+    assert {room_of(name) for name in modules()} == set().union(*ROOMS) - gone
 
 
 def test_what_is_imported_is_there() -> None:
@@ -484,9 +487,9 @@ PRICES = {
         "what a log contains and can tell, and its conversion, whole writing; workers",
     ),
     "benchmarks": Price(
-        4_200,
+        3_670,
         0,
-        20,
+        17,
         "speed beside other libraries, and what starts of programs take beside their imports",
     ),
 }
@@ -539,7 +542,7 @@ def words_in(*paths: Path) -> int:
     return sum(len(path.read_text(encoding="utf-8").split()) for path in paths)
 
 
-@pytest.mark.parametrize("room", PRICES)
+@pytest.mark.parametrize("room", [room for room in PRICES if room not in gone_rooms()])
 def test_a_room_keeps_its_price(room: str) -> None:
     price = PRICES[room]
     cost = price_of(room)
@@ -553,7 +556,8 @@ def test_every_room_has_a_price() -> None:
         for path in (ROOT / "validation").iterdir()
         if list(path.glob("*.py"))
     }
-    assert rooms | {"ssmr", "benchmarks", "validation/."} == set(PRICES)
+    rooms |= {room for room in ("ssmr", "benchmarks") if (ROOT / room).is_dir()}
+    assert rooms | {"validation/."} == set(PRICES) - gone_rooms()
 
 
 @pytest.mark.parametrize("name", OPTIONS)

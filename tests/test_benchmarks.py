@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import simulate
-from benchmarks.rows import MissingError, optional
+from benchmarks.rows import MissingError, measure_if_installed
 from validation import cli
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -57,6 +57,6 @@ def test_only_a_quick_run_goes_on_without_what_is_missing() -> None:
     def measure() -> list[int]:
         raise MissingError("no such thing")
 
-    assert optional(True, measure) is None
+    assert measure_if_installed(True, measure) is None
     with pytest.raises(MissingError):
-        optional(False, measure)
+        measure_if_installed(False, measure)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import itertools
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +31,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
+from tests.test_docs import tables
 from validation.plants.profile import Profile
 from validation.replicate.control import TrackedTables
 from validation.replicate.lab import late, variance_above
@@ -362,3 +366,18 @@ def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
             False,
         ], name
         assert np.ptp(thirds[0][2]) < 2e-3
+
+
+def test_every_erratum_is_numbered_and_shown_by_a_test_that_exists_or_by_the_text() -> None:
+    existing = set()
+    for name in ("test_errata.py", "test_published.py"):
+        tree = ast.parse(Path(__file__).with_name(name).read_text(encoding="utf-8"))
+        existing |= {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    numbers = []
+    for rows in tables("errata.md").values():
+        for row in (r for r in rows if r[0].isdigit()):
+            numbers.append(int(row[0]))
+            claimed = re.findall(r"`(test_\w+)`", row[-1])
+            assert (row[-1] == "text") != bool(claimed), row[0]
+            assert set(claimed) <= existing, (row[0], set(claimed) - existing)
+    assert numbers == list(range(1, len(numbers) + 1))

@@ -16,8 +16,8 @@ from tests.bag_factory import KINDS, Message, circle, poses_at, write
 from tests.conftest import ROUNDOFF
 from validation.experiment.sources import open_source
 from validation.files.bags import read_topics, to_local
-from validation.files.faults import find_faults
 from validation.files.formats import is_log, read_log
+from validation.files.inspection import Inspected
 from validation.files.log import POSE_COLUMNS, RECORDED, ReadOptions, Topic
 from validation.files.reading import FileError
 from validation.files.topics import choose_topics
@@ -252,13 +252,13 @@ def test_the_pose_is_that_of_the_most_independent_source(tmp_path: Path) -> None
     """Neither the controller's, which follows from its wheels, nor a goal's."""
     log = read_log(write(tmp_path, "mcap", weaving(sources=("/tracker/pose",))))
     assert log.groups["pose"].source == "/tracker/pose"
-    assert find_faults(log).named == ()
+    assert Inspected(log).faults.named == ()
     (why,) = [remark for remark in log.remarks if "the pose is that of" in remark]
     assert "/odom follows from the wheels alone" in why
     assert "/move_base/goal is a goal" in why
     alone = read_log(write(tmp_path, "mcap", weaving(sources=()), "alone"))
     assert alone.groups["pose"].source == "/odom"
-    assert find_faults(alone).named[0].kind == "circular"
+    assert Inspected(alone).faults.named[0].kind == "circular"
 
 
 @pytest.mark.parametrize(

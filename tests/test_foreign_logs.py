@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from ssmr.types import FloatArray
-from validation.files.abilities import good_for, lacks
 from validation.files.csv_logs import read_csv
-from validation.files.faults import find_faults
 from validation.files.formats import read_log, write_log
+from validation.files.inspection import Inspected
 from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions
 from validation.files.reading import FileError
 
@@ -184,7 +183,7 @@ def test_a_fault_has_its_kind_and_its_numbers(name: str) -> None:
     kind, spoil = INVENTED[name]
     log = read_log("husky").on_one_clock()
     columns = spoil({"t": log.t, **log.columns})
-    found = find_faults(Log.of_columns("log.csv", columns), 0.165).named
+    found = Inspected(Log.of_columns("log.csv", columns), 0.165).faults.named
     assert kind in [fault.kind for fault in found]
     assert len(found) <= 2
     if name == "a gear of 22":
@@ -205,13 +204,15 @@ DRIVES: dict[str, tuple[FloatArray, FloatArray, str]] = {
 def test_a_log_says_what_it_cannot_tell(name: str) -> None:
     v, w, wanted = DRIVES[name]
     yaw = 0.1 * np.cumsum(w)
-    x = 0.1 * np.cumsum(v * np.cos(yaw))
-    y = 0.1 * np.cumsum(v * np.sin(yaw))
+    # a localiser has noise, or its poses would follow from the wheels
+    noise = np.random.default_rng(1).normal(0.0, 0.005, (2, len(T)))
+    x = 0.1 * np.cumsum(v * np.cos(yaw)) + noise[0]
+    y = 0.1 * np.cumsum(v * np.sin(yaw)) + noise[1]
     sides = {"enc_left": (v - 0.5 * w) / 0.165, "enc_right": (v + 0.5 * w) / 0.165}
     log = Log.of_columns("log.csv", {"t": T, "x": x, "y": y, "yaw": yaw, **sides})
-    said = list(lacks(log))
-    assert len(said) == bool(wanted)
-    assert not wanted or wanted in said[0]
-    assert good_for(log, ())["wheels"] == (not wanted)
-    (short,) = lacks(log.cut(0.0, 5.0))
+    inspected = Inspected(log)
+    assert len(inspected.lacks) == bool(wanted)
+    assert not wanted or wanted in inspected.lacks[0]
+    assert inspected.good_for()["wheels"] == (not wanted)
+    (short,) = Inspected(log.cut(0.0, 5.0)).lacks
     assert "too short for a window of 6 s" in short

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
-from validation.files.faults import find_rest, unbiased
+from validation.files.inspection import Inspected, unbiased
 from validation.files.log import Group, Log
 from validation.files.reading import FileError
 
@@ -46,17 +46,17 @@ def made(bias: float = 0.0, **groups: Group) -> Log:
 @given(bias=st.floats(-0.05, 0.05))
 def test_the_bias_at_rest_is_found_and_taken_out(bias: float) -> None:
     log = made(bias)
-    rest = find_rest(log)
+    rest = Inspected(log).rest
     assert rest is not None
     assert rest.bias == pytest.approx(bias, abs=ROUNDOFF)
     # of five; half a second before the motion, and what the mean sees of it, do not count
     assert 3.5 < rest.seconds < 5.0
-    cleared = find_rest(unbiased(log))
+    cleared = Inspected(unbiased(log, rest)).rest
     assert cleared is not None
     assert cleared.bias == pytest.approx(0.0, abs=ROUNDOFF)
-    assert find_rest(log.cut(6.0)) is None
+    assert Inspected(log.cut(6.0)).rest is None
     with pytest.raises(FileError, match="wheels that stand for 2 s"):
-        unbiased(log.cut(6.0))
+        unbiased(log.cut(6.0), None)
 
 
 # ------------------------------------------------------------------------------------------- one

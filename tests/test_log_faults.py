@@ -14,11 +14,12 @@ from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from tests.conftest import data_folder
 from validation.compare import compare
-from validation.files import faults
+from validation.files import motion
 from validation.files.csv_logs import write_csv
-from validation.files.faults import AFTER_COMMAND_S, JUMP_M, JUMP_RAD, Faults, find_faults
 from validation.files.formats import log_path, read_log
+from validation.files.inspection import AFTER_COMMAND_S, Faults, Inspected
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log
+from validation.files.motion import JUMP_M, JUMP_RAD
 from validation.fit import fit
 from validation.recordings import info
 
@@ -59,7 +60,7 @@ def drive(seconds: float = 60.0, slow: float = 1.0, speed: float = 1.0) -> dict[
 
 
 def faults_of(columns: dict[str, FloatArray]) -> Faults:
-    return find_faults(Log.of_columns("log.csv", columns))
+    return Inspected(Log.of_columns("log.csv", columns)).faults
 
 
 def scaled(factor: float, *names: str) -> Callable[[dict[str, FloatArray]], dict[str, FloatArray]]:
@@ -123,7 +124,7 @@ def test_a_fast_robot_slides_on_when_its_wheels_stop(monkeypatch: pytest.MonkeyP
     columns = drive(speed=5.0)
     columns |= {n: np.where(abs(columns["t"] - 15.8) < 1.3, 0.0, columns[n]) for n in WHEELS}
     for least, jumps in ((2.0, False), (np.inf, True)):
-        monkeypatch.setattr(faults, "_SLIDES_V", least)
+        monkeypatch.setattr(motion, "_SLIDES_V", least)
         assert ("jumps" in " ".join(faults_of(columns).sentences())) == jumps
 
 
@@ -285,7 +286,7 @@ def test_a_known_radius_shows_the_unit_of_wheel_rates(unit: str) -> None:
     log = read_log("husky").on_one_clock()
     radius = EkfSettings.radius
     spoiled = scaled(SPEEDS[unit] * radius, *WHEELS)({"t": log.t, **log.columns})
-    (found,) = find_faults(Log.of_columns("log.csv", spoiled), radius).named
+    (found,) = Inspected(Log.of_columns("log.csv", spoiled), radius).faults.named
     assert found.kind == "scale"
     assert "wheels of another radius than 0.165 m" in found.sentence
 

@@ -10,8 +10,10 @@ import pytest
 
 from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
+from validation.files.inspection import Inspected
 from validation.files.log import Group, Log
-from validation.files.offsets import Offset, estimate_offsets, synchronised
+from validation.files.offsets import Offset, synchronised
+from validation.files.sensors import Signals
 
 SECONDS = 120.0
 FEW_MS = 0.004
@@ -59,7 +61,7 @@ def made(wheels: float, position: float, yaw: float, seed: int = 0) -> Log:
 
 
 def found_in(log: Log) -> dict[str, Offset]:
-    return {offset.late: offset for offset in estimate_offsets(log)}
+    return {offset.late: offset for offset in Inspected(log).offsets}
 
 
 def error_beyond(offset: Offset, true: float) -> bool:
@@ -112,19 +114,20 @@ def test_sync_takes_each_delay_out() -> None:
         Offset(name, "imu", s, 1.0)
         for name, s in (("wheels", 0.2), ("position", 0.1), ("pose_yaw", 0.22))
     ]
-    after = synchronised(log, offsets)
+    after = synchronised(Signals(log), offsets)
     pose = after.groups["pose"]
     x, y, yaw = motion(pose.t)[2:]
     for name, true, noise in (("x", x, 0.007), ("y", y, 0.007), ("yaw", yaw, 0.01)):
         assert np.sqrt(np.mean((pose.columns[name] - true) ** 2)) < 1.1 * noise
     assert len(pose.t) > len(log.t) - 10
-    assert all(abs(offset.seconds) < 2.0 * FEW_MS for offset in estimate_offsets(after))
+    assert all(abs(offset.seconds) < 2.0 * FEW_MS for offset in Inspected(after).offsets)
 
 
 def test_a_heading_is_not_taken_out_of_a_gap() -> None:
     log = made(0.0, 0.0, 0.3)
     pose = log.groups["pose"].where((log.t < 40.0) | (log.t > 45.0))
     offsets = [Offset("pose_yaw", "imu", 0.3, 1.0), Offset("position", "imu", 0.0, 1.0)]
-    after = synchronised(replace(log, groups={**log.groups, "pose": pose}), offsets).groups["pose"]
+    cut = Signals(replace(log, groups={**log.groups, "pose": pose}))
+    after = synchronised(cut, offsets).groups["pose"]
     assert not np.any((after.t > 39.75) & (after.t < 45.0))
     assert np.abs(after.columns["yaw"] - motion(after.t)[4]).max() < 0.06  # five times the noise

@@ -28,9 +28,8 @@ from validation.compare import compare
 from validation.experiment.gyro import with_gyro
 from validation.experiment.scores import HEADLINE_HORIZON, signed_windows
 from validation.experiment.sources import open_source, unknown_robot_notes
-from validation.files.abilities import FATAL, lacks
-from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
+from validation.files.inspection import Inspected
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify.beginning import FIRST_FITTED
@@ -410,8 +409,9 @@ def calibrate(o: Calibrate) -> Calibrated:
     judged = []
     for name in o.names:
         log = read_log(log_path(split_ground(name)[0]), read)
-        found = find_faults(log, read.radius)
-        own, own_notes = _inputs(o, log, found)
+        inspected = Inspected(log, read.radius)
+        found = inspected.faults
+        own, own_notes = _inputs(o, inspected)
         inputs = [each for each in inputs if each in own]
         faults += found.named
         notes += [f"{log.name}: {fault.sentence}." for fault in found.named]
@@ -557,18 +557,20 @@ def _of_logs(f: Fitted) -> dict[str, float]:
     return numbers
 
 
-def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[str]]:
+def _inputs(o: Calibrate, inspected: Inspected) -> tuple[list[Input], list[str]]:
     """Return the inputs that can drive plants along a log, and a note on one that cannot.
 
     Raises:
         ValueError: the columns contradict one another, or nothing drives a plant.
     """
-    refused = [f for f in faults.named if f.kind in FATAL and f not in log.faults]
+    log = inspected.log
+    faults = inspected.faults
+    refused = inspected.fatal
     named = dict.fromkeys(chain(*(fault.columns for fault in refused)))
     notes = []
     by_wheels = log.has(COMMAND_COLUMNS["wheels"])
     only_commands = by_wheels and set(named) <= {*COMMAND_COLUMNS["twist"]}
-    missing = list(lacks(log))
+    missing = inspected.lacks
     if refused and only_commands and not o.trust:
         notes = ["The commands are not to be trusted, so the driver was not fitted."]
     elif (refused or missing) and not o.trust:

@@ -15,7 +15,6 @@ import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,13 +24,12 @@ import tyro
 from ssmr.types import FloatArray
 from validation import cli
 from validation.descriptions.loading import load_robot
-from validation.files.abilities import good_for, lacks
-from validation.files.channels import channels
-from validation.files.faults import REST_LEAST, Faults, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, read_log, write_log
+from validation.files.inspection import REST_LEAST, Inspected, unbiased
 from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Log
-from validation.files.offsets import Offset, estimate_offsets, synchronised
+from validation.files.offsets import Offset, synchronised
 from validation.files.reading import FileError, exists, read_file
+from validation.files.sensors import Signals
 from validation.output import file_name, write_json
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
@@ -72,9 +70,10 @@ class LogOptions(cli.LogReading):
             robot = load_robot(robot)
         return robot.wheel_radius
 
-    def opened(self) -> Log:
-        """Return the log."""
-        return read_log(self.source, self.reading(self.radius))
+    def opened(self) -> Inspected:
+        """Return the log, to be looked at."""
+        radius = self.radius
+        return Inspected(read_log(self.source, self.reading(radius)), radius)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,44 +116,37 @@ class LogReport(Report):
     endings = ()
     asked: LogOptions
     """Options."""
-    log: Log
-    """The log; of a conversion the new one, with its own stamps unless another rate was asked
-    for."""
-    offsets: Sequence[Offset]
-    """Delays between its groups, before anything was changed."""
+    inspected: Inspected
+    """The log as it was opened, and what it shows."""
 
-    @cached_property
-    def faults(self) -> Faults:
-        """Faults of the log."""
-        return find_faults(self.log, self.asked.radius)
-
-    @cached_property
-    def rest(self) -> Rest | None:
-        """The gyro at rest."""
-        return find_rest(self.log)
+    @property
+    def log(self) -> Log:
+        """The log."""
+        return self.inspected.log
 
     def tables(self) -> list[Table]:
         """Return faults, contents and delays."""
         rows = [
             {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence}
-            for f in self.faults.named
+            for f in self.inspected.faults.named
         ]
         faults = Table("Faults", rows, "These are not what their names say.")
-        return [faults, _contents(self.log), _offset_table(self.offsets)]
+        return [faults, _contents(self.log), _offset_table(self.inspected.offsets)]
 
     def notes(self) -> list[str]:
         """Return remarks on reading, gaps and rest, on faults, and the next step."""
-        notes = [*self.log.remarks, *_sentences(self.log, self.rest)]
-        notes += [*self.faults.sentences(named=False), *lacks(self.log)]
-        notes.append(_next_step(self.asked, self.log, self.faults))
-        uses = _uses(good_for(self.log, self.faults.named), self.offsets)
-        if "yes" in uses and any(fault not in self.log.faults for fault in self.faults.named):
+        found = self.inspected
+        notes = [*self.log.remarks, *_sentences(found)]
+        notes += [*found.faults.sentences(named=False), *found.lacks]
+        notes.append(_next_step(self.asked, found))
+        uses = _uses(found)
+        if "yes" in uses and found.unsolved:
             uses += "; correct the faults first"
         return [*notes, uses]
 
     def document(self) -> dict[str, Any]:
         """Return the findings as the JSON file has them."""
-        return _document(self.log, self.offsets, self.faults, self.rest)
+        return _document(self.inspected)
 
     def write(self, path: str | Path) -> None:
         """Write the file that it is for, whole or not at all.
@@ -174,19 +166,17 @@ class LogReport(Report):
         write_json(path, self.as_dict())
 
 
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Conversion(LogReport):
     """A log in another form."""
 
     asked: Convert
-
-    @cached_property
-    def merged(self) -> Log:
-        """The log on one clock, as it is written."""
-        return self.log if self.asked.rate else self.log.on_one_clock()
+    merged: Log
+    """The new log on one clock, as it is written."""
 
     def tables(self) -> list[Table]:
         """Return the delays that it had."""
-        return [_offset_table(self.offsets)]
+        return [_offset_table(self.inspected.offsets)]
 
     def notes(self) -> list[str]:
         """Return what is written."""
@@ -194,7 +184,7 @@ class Conversion(LogReport):
         rate = 1.0 / next(iter(self.merged.groups.values())).period
         columns = ", ".join(self.merged.columns)
         notes = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {rate:.2f} Hz: {columns}"]
-        if self.asked.sync and self.offsets:
+        if self.asked.sync and self.inspected.offsets:
             notes.append(
                 "the offsets of time were taken out of the measurements; commands stay as they were"
             )
@@ -220,14 +210,16 @@ def info(o: Info) -> LogReport:
     Raises:
         ValueError: the log cannot be opened.
     """
-    log = o.opened()
-    return LogReport(title=log.path.name, asked=o, log=log, offsets=estimate_offsets(log))
+    inspected = o.opened()
+    return LogReport(title=inspected.log.path.name, asked=o, inspected=inspected)
 
 
-def _document(
-    log: Log, offsets: Sequence[Offset], faults: Faults, rest: Rest | None
-) -> dict[str, Any]:
+def _document(found: Inspected) -> dict[str, Any]:
     """Findings as the JSON file has them."""
+    log = found.log
+    offsets = found.offsets
+    faults = found.faults
+    rest = found.rest
     groups = {}
     for name, group in log.groups.items():
         groups[name] = {
@@ -253,8 +245,8 @@ def _document(
         "source": str(log.path),
         "groups": groups,
         "chosen": _chosen(log),
-        "good_for": good_for(log, faults.named),
-        "lacks": list(lacks(log)),
+        "good_for": found.good_for(),
+        "lacks": list(found.lacks),
         "clock": clock,
         "offsets_s": {name: seconds.get(name) for name in ("wheels", "pose_yaw", "position")},
         "offsets": [asdict(offset) for offset in offsets],
@@ -301,33 +293,31 @@ def convert(o: Convert) -> LogReport:
     """
     if o.out is not None:
         format_of_target(o.out)
-    log = o.opened()
-    offsets = estimate_offsets(log)
-    changed = log
+    inspected = o.opened()
+    log = inspected.log
     if o.sync:
-        changed = synchronised(changed, offsets)
+        log = synchronised(inspected.signals, inspected.offsets)
     if o.unbias:
-        changed = unbiased(changed)
-    changed = changed.cut(o.since, o.until)
-    merged = changed.on_one_clock(o.rate)
+        log = unbiased(log, inspected.rest)
+    merged = log.cut(o.since, o.until).on_one_clock(o.rate)
     return Conversion(
         title=log.path.name,
         asked=o,
-        log=changed if o.rate is None else merged,
-        offsets=offsets,
+        inspected=inspected,
+        merged=merged,
     )
 
 
 # --- tables and sentences ---
 
 
-def _next_step(o: LogOptions, log: Log, faults: Faults) -> str:
+def _next_step(o: LogOptions, found: Inspected) -> str:
+    log = found.log
     path = shlex.quote(str(o.source)) + o.words()
     name = getattr(o.robot, "name", o.robot) or "ROBOT"
-    open_faults = [fault for fault in faults.named if fault not in log.faults]
-    if any(fault.kind == "circular" for fault in open_faults):
+    if any(fault.kind == "circular" for fault in found.unsolved):
         return "next: take the pose of a localiser, by --topics pose=/NAME or --columns"
-    if open_faults:
+    if found.unsolved:
         return (
             "next: correct the faults in the log, for every comparison and fit believes its columns"
         )
@@ -338,9 +328,9 @@ def _next_step(o: LogOptions, log: Log, faults: Faults) -> str:
             remedy = f"; if one of {others} is it, --columns {missing[0]}=NAME says so"
         return (
             f"there is no {', '.join(missing)}, so no prediction of a pose can be judged"
-            f"{remedy}; {_without_pose(log)}"
+            f"{remedy}; {_without_pose(found.signals)}"
         )
-    if any(lacks(log)):
+    if found.lacks:
         return "next: drive what is missing, for a fit to this log would not be determined"
     if log.has(COMMAND_COLUMNS["wheels"]):
         return f"next: python -m validation.calibrate {path} --robot {name}"
@@ -355,10 +345,11 @@ def _next_step(o: LogOptions, log: Log, faults: Faults) -> str:
 _USES = ("wheels", "commands", "gyro")
 
 
-def _uses(good: Mapping[str, bool], offsets: Sequence[Offset]) -> str:
+def _uses(found: Inspected) -> str:
     """Return the signals for which a log is good enough, and how late the robot follows."""
+    good = found.good_for()
     words = {name: f"{name} {'yes' if good[name] else 'no'}" for name in _USES}
-    for o in offsets:
+    for o in found.offsets:
         if o.late == "cmd" and good["commands"] and o.seconds > 0.0:
             words["commands"] += f" (stamped {o.seconds:.2f} s after the robot obeyed)"
         elif o.late == "cmd" and good["commands"]:
@@ -366,13 +357,12 @@ def _uses(good: Mapping[str, bool], offsets: Sequence[Offset]) -> str:
     return f"good enough for: {', '.join(words.values())}"
 
 
-def _without_pose(log: Log) -> str:
+def _without_pose(signals: Signals) -> str:
     """Return the effective track by wheels and gyro, as a sentence on a log without a pose."""
-    signals = channels(log) or {}
-    if not {"gyro_z", *COMMAND_COLUMNS["wheels"]} <= set(signals):
+    gyro = signals.means.get("gyro_z")
+    if gyro is None or signals.wheels is None:
         return "with a gyro and wheel rates, how the robot turns could be said"
-    left, right = (signals[name] for name in COMMAND_COLUMNS["wheels"])
-    gyro = signals["gyro_z"]
+    left, right = signals.wheels
     # least squares of right - left over the yaw rate
     ratio = float((right - left) @ gyro / (gyro @ gyro))
     return (
@@ -425,8 +415,10 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
     return Table("Offsets of time", rows, caption, units=units)
 
 
-def _sentences(log: Log, rest: Rest | None) -> list[str]:
+def _sentences(found: Inspected) -> list[str]:
     notes = []
+    log = found.log
+    rest = found.rest
     # several groups may come from one source
     gaps_by_source = {group.source: group.gaps() for group in log.groups.values()}
     for source, gaps in gaps_by_source.items():

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ssmr.geometry import integral
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.types import FloatArray
 from validation.experiment.sources import Piece, Source
 from validation.files.offsets import Offset, estimate_offsets
+from validation.files.sensors import Signals
 
 _WINDOW_S = 6.0
 """Length of the windows in which gyro and localiser are compared [s]."""
@@ -91,7 +91,8 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
         return np.concatenate([v[j] - v[i] for v, (i, j) in zip(values, windows, strict=True)])
 
     motions = [motion for _, motion in pairs]
-    raw = [integral(m.t, m.twist[:, 2]) for m in motions]
+    ways = [np.interp(m.t, *inspected.signals.ways["gyro_z"]) for m in motions]
+    raw = [way - way[0] for way in ways]
     pose = turned([m.pose[:, 2] for m in motions])
     gyro = turned(raw)
     size = float(np.sqrt((gyro @ gyro) * (pose @ pose)))
@@ -103,7 +104,8 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     offsets: Sequence[Offset] = inspected.offsets
     if sign < 0.0:
         log = inspected.log
-        offsets = estimate_offsets(log.changed("imu", {"gyro_z": -log.columns["gyro_z"]}))
+        turned_over = log.changed("imu", {"gyro_z": -log.columns["gyro_z"]})
+        offsets = estimate_offsets(Signals(turned_over))
     for offset in offsets:
         if offset.late == "pose_yaw" or offset.correlation > _SAME_MOTION:
             late[offset.late] = offset.seconds

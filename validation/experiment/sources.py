@@ -23,9 +23,14 @@ from ssmr.types import (
     Trajectory,
 )
 from validation.descriptions.loading import load_robot
-from validation.files.abilities import Inspected, inspect, too_short
-from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
+from validation.files.inspection import (
+    LEAST_COMMAND,
+    WHEELS_MEAN_S,
+    WHEELS_TURN,
+    Inspected,
+    too_short,
+)
 from validation.files.log import (
     COMMAND_COLUMNS,
     PLAIN,
@@ -225,7 +230,7 @@ def source_of(
     Raises:
         ValueError: it lacks the inputs or the pose.
     """
-    inspected = inspect(log, radius)
+    inspected = Inspected(log, radius)
     faults = inspected.faults
     names = COMMAND_COLUMNS[kind]
     sentences = list[str]()

@@ -19,16 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
-from validation.files.channels import (
-    ENCODERS,
-    FEWEST_WINDOWS,
-    RATES,
-    TWIST,
-    Channels,
-    LogSignals,
-    speed_along,
-)
 from validation.files.log import POSE_COLUMNS, UNITS, LogFault, column_of
+from validation.files.motion import ENCODERS, RATES, STOCK, TWIST, motion_by_sensor
+from validation.files.sensors import FEWEST_WINDOWS, Means, Signals
 from validation.files.signals import centred, correlation
 
 _SIMILAR = 0.65
@@ -51,8 +44,6 @@ _TIE_OF_UNITS = 0.03
 """The same of two votes for the columns that are in another unit."""
 MOVES = 0.1
 """Rate from which a robot moves [m/s, rad/s]."""
-_RADIUS = 0.165
-"""Radius of a wheel where nobody says it [m], a Husky's."""
 
 
 # ------------------------------------------------------------------------------------------
@@ -71,60 +62,50 @@ class RateMeasure(NamedTuple):
     """Greatest possible ratio."""
 
 
-_Span = tuple[float, float, float]
-_TURNS: Mapping[tuple[str, ...], _Span] = {
-    ("gyro_z",): (0.93, 1.0, 1.07),
-    ("yaw",): (0.93, 1.0, 1.07),
-    ("odom_w",): (0.6, 1.0, 4.0),
-    ENCODERS: (2.6, 6.3, 25.0),
-    ("cmd_w",): (0.6, 2.3, 15.0),
+_Ranges = Mapping[str, tuple[tuple[str, ...], float, float, float]]
+_TURNS: _Ranges = {
+    "imu": (("gyro_z",), 0.93, 1.0, 1.07),
+    "pose": (("yaw",), 0.93, 1.0, 1.07),
+    "odom": (("odom_w",), 0.6, 1.0, 4.0),
+    "wheels": (ENCODERS, 0.78, 1.89, 7.5),
+    "cmd": (("cmd_w",), 0.6, 2.3, 15.0),
 }
-"""By columns that tell the yaw rate, the least, the typical and the greatest ratio to it.
+"""By sensor, the columns that tell the yaw rate, and the least, the typical and the greatest ratio
+to it.
 
 The difference of the wheels' rates is 2 alpha b / r times the yaw rate, with alpha from 1.3 on
-where wheels skid: 6 to 9 where it was measured, whatever the size of the robot. Commands of turning
-are not what the body does, nor is the odometry of wheels that skid."""
-_WAYS: Mapping[tuple[str, ...], _Span] = {
-    ("x", "y"): (0.85, 1.0, 1.18),
-    ("odom_v",): (0.6, 1.0, 1.7),
-    ENCODERS: (0.75, 1.0, 1.25),
-    ("cmd_v",): (0.6, 1.05, 2.7),
+where wheels skid: 6 to 9 where it was measured, whatever the size of the robot, and a stock Husky's
+b and r make a yaw rate of it. Commands of turning are not what the body does, nor is the odometry
+of wheels that skid."""
+_WAYS: _Ranges = {
+    "pose": (("x", "y"), 0.85, 1.0, 1.18),
+    "odom": (("odom_v",), 0.6, 1.0, 1.7),
+    "wheels": (ENCODERS, 0.75, 1.0, 1.25),
+    "cmd": (("cmd_v",), 0.6, 1.05, 2.7),
 }
 """The same of the forward speed."""
-_ANY_WHEEL = (0.28, 1.0, 5.4)
-"""The same of wheels whose radius is taken for a Husky's."""
+_WAYS_OF_ANY: _Ranges = {**_WAYS, "wheels": (ENCODERS, 0.28, 1.0, 5.4)}
+"""The same where the radius of the wheels is taken for a Husky's."""
 
 
-def measures(
-    signals: Channels, radius: float | None
-) -> tuple[list[RateMeasure], list[RateMeasure]]:
+def measures(means: Means, radius: float | None) -> tuple[list[RateMeasure], list[RateMeasure]]:
     """Return the measures of the yaw rate and of the forward speed."""
-    told = dict[tuple[str, ...], FloatArray]()
-    for name in (*RATES, "yaw"):
-        if name in signals:
-            told[name,] = signals[name]
+    speeds, turns = motion_by_sensor(means)
     # where both commands are zero, a joystick may drive
-    commanded = np.any([told[name,] != 0.0 for name in TWIST if (name,) in told], axis=0)
-    for name in TWIST:
-        if (name,) in told:
-            told[name,] = np.where(commanded, told[name,], math.nan)
-    turns = dict(told)
-    ways = dict(told)
-    if {*ENCODERS} <= signals.keys():
-        left, right = (signals[name] for name in ENCODERS)
-        turns[ENCODERS] = right - left
-        ways[ENCODERS] = 0.5 * (radius or _RADIUS) * (left + right)
-    along = speed_along(signals)
-    if along is not None:
-        ways["x", "y"] = along
-    of_ways = dict(_WAYS)
-    if radius is None:
-        of_ways[ENCODERS] = _ANY_WHEEL
-    turning = [
-        RateMeasure(names, turns[names], *_TURNS[names]) for names in _TURNS if names in turns
-    ]
-    forward = [RateMeasure(names, ways[names], *of_ways[names]) for names in _WAYS if names in ways]
-    return turning, forward
+    commanded = np.any([told["cmd"] != 0.0 for told in (speeds, turns) if "cmd" in told], axis=0)
+    for told in (speeds, turns):
+        if "cmd" in told:
+            told["cmd"] = np.where(commanded, told["cmd"], math.nan)
+    if radius is not None and "wheels" in speeds:
+        speeds["wheels"] = speeds["wheels"] * (radius / STOCK.radius)
+    found = []
+    for told, ranges in ((turns, _TURNS), (speeds, _WAYS if radius else _WAYS_OF_ANY)):
+        measured = []
+        for sensor, (columns, *ratios) in ranges.items():
+            if sensor in told:
+                measured.append(RateMeasure(columns, told[sensor], *ratios))
+        found.append(measured)
+    return found[0], found[1]
 
 
 class _Pair(NamedTuple):
@@ -195,15 +176,15 @@ class _Correction(NamedTuple):
     words: str
     """Words for the mistake, after the columns' names."""
     sources: Mapping[str, tuple[str, float]]
-    """Channels that change: the channel that each is made of, and the factor [1]."""
+    """Columns that change: the column that each is made of, and the factor [1]."""
     rotation: float = 0.0
     """Angle that is added to the heading after that [rad]."""
 
-    def applied(self, signals: Channels) -> Channels:
-        """Return the channels without the mistake."""
-        changed = dict(signals)
+    def applied(self, means: Means) -> Means:
+        """Return the means without the mistake."""
+        changed = dict(means)
         for name, (source, factor) in self.sources.items():
-            changed[name] = factor * signals[source]
+            changed[name] = factor * means[source]
         if "yaw" in self.sources:
             changed["heading"] = self.sources["yaw"][1] * changed["heading"] + self.rotation
         return changed
@@ -235,15 +216,15 @@ def _corrections() -> Iterator[_Correction]:
         yield _Correction("handedness", ("yaw",), what, {"yaw": ("yaw", sign)}, turn)
 
 
-def _agreement(signals: Channels) -> float:
+def _agreement(means: Means) -> float:
     """Return how well signs and frames agree: over all pairs, the sum of their correlations."""
     total = 0.0
-    for told, share in zip(measures(signals, None), _SHARES, strict=True):
+    for told, share in zip(measures(means, None), _SHARES, strict=True):
         total += sum(pair.alike for pair in _pairs(told, share))
-    if {*POSE_COLUMNS} <= signals.keys():
-        step = signals["x"] + 1j * signals["y"]
-        along = abs(angle_between(step, signals["heading"]))
-        mirrored = abs(angle_between(step, -signals["heading"]))
+    if {*POSE_COLUMNS} <= means.keys():
+        step = means["x"] + 1j * means["y"]
+        along = abs(angle_between(step, means["heading"]))
+        mirrored = abs(angle_between(step, -means["heading"]))
         total += along if max(along, mirrored) > _SIMILAR else 0.0
     return total
 
@@ -258,13 +239,13 @@ def angle_between(step: NDArray[np.complex128], heading: FloatArray | float) -> 
     return complex(np.sum(step**2 / size * np.exp(-2j * np.asarray(heading))) / np.sum(size))
 
 
-def contradictions(e: LogSignals) -> Iterator[LogFault]:
+def contradictions(e: Signals) -> Iterator[LogFault]:
     """Signs, places and frames with which the signals contradict each other."""
-    now = _agreement(e.signals)
+    now = _agreement(e.means)
     gains = []
     for correction in _corrections():
-        if correction.sources.keys() <= e.signals.keys():
-            gain = _agreement(correction.applied(e.signals)) - now
+        if correction.sources.keys() <= e.means.keys():
+            gain = _agreement(correction.applied(e.means)) - now
             if gain > _GAIN:
                 gains.append((gain, correction))
     gains.sort(key=lambda pair: -pair[0])
@@ -285,9 +266,9 @@ def _seem(names: Sequence[str]) -> str:
     return f"{' and '.join(names)} seem{'s' * (len(names) == 1)}"
 
 
-def other_axis(e: LogSignals) -> Iterator[LogFault]:
+def other_axis(e: Signals) -> Iterator[LogFault]:
     """A signal that resembles no other, while the others resemble one another."""
-    for told in measures(e.signals, e.radius):
+    for told in measures(e.means, e.radius):
         measured = [m for m in told if not {*m.columns} <= {*TWIST} and np.any(m.values)]
         pairs = _pairs(measured, 0.5)
         paired = {*chain(*((pair.a.columns, pair.b.columns) for pair in pairs))}
@@ -317,9 +298,9 @@ _PRECISIONS: Mapping[tuple[str, ...], float] = {
 """How well the factor of columns that are in another unit is known [1]."""
 
 
-def units(e: LogSignals) -> Iterator[LogFault]:
+def units(e: Signals) -> Iterator[LogFault]:
     """Units of columns that tell the yaw rate, or else the speed."""
-    turning, forward = measures(e.signals, e.radius)
+    turning, forward = measures(e.means, e.radius)
     pairs = {"turn": _pairs(turning, _SHARES[0]), "way": _pairs(forward, _SHARES[1])}
     for what, some in pairs.items():
         blamed = _blamed(some)
@@ -361,7 +342,7 @@ def _words(
         words += f", and {factor:.3g} times the way that {by} say"
     gears = sorted({float(f"{max(factor, 1.0 / factor):.1g}") for factor in factors})
     gear = " to ".join(f"{gear:g}" for gear in gears)
-    wheel = f"wheels of another radius than {radius or _RADIUS:.3g} m"
+    wheel = f"wheels of another radius than {radius or STOCK.radius:.3g} m"
     if ways:
         wheel += f" (cured by a wheel_radius_multiplier of {1.0 / factor:.3g})"
     return f"{words}: ticks, a gear of about {gear}, or {wheel}?"

@@ -23,9 +23,10 @@ from validation.files.agreement import (
     other_axis,
     units,
 )
-from validation.files.channels import ENCODERS, FEWEST_WINDOWS, LONGEST_S, TWIST, LogSignals
 from validation.files.circular import circular
-from validation.files.log import POSE_COLUMNS, Log, LogFault, column_of
+from validation.files.log import POSE_COLUMNS, LogFault, column_of
+from validation.files.motion import ENCODERS, TWIST
+from validation.files.sensors import FEWEST_WINDOWS, LONGEST_S, Signals
 from validation.files.signals import centred, correlation, moving_mean, sturdy_fit
 from validation.files.topics import rates_of_positions
 
@@ -69,11 +70,11 @@ _LONG_PART_S = 20.0
 
 
 # ------------------------------------------------------------------------------------------ time
-def _time_unit(e: LogSignals) -> Iterator[LogFault]:
+def _time_unit(e: Signals) -> Iterator[LogFault]:
     """Time in another unit: turns and ways of the pose are too fast by the same factor."""
     rows = all(np.all(np.diff(group.t) == 1.0) for group in e.log.groups.values())
     factors = []
-    for told in measures(e.signals, e.radius):
+    for told in measures(e.means, e.radius):
         values = {m.columns: np.nan_to_num(m.values) / m.typical for m in told}
         pose = values.get(("yaw",), values.get(("x", "y")))
         other = values.get(("gyro_z",), values.get(ENCODERS))
@@ -91,7 +92,7 @@ def _time_unit(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("clock", ("t", *POSE_COLUMNS), sentence)
 
 
-def _other_clock(e: LogSignals) -> Iterator[LogFault]:
+def _other_clock(e: Signals) -> Iterator[LogFault]:
     """Headings that are so late behind the gyro or the wheels that no delay explains it."""
     if e.turns is None:
         return
@@ -107,7 +108,7 @@ def _other_clock(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("clock", POSE_COLUMNS, sentence)
 
 
-def _growing_delay(e: LogSignals) -> Iterator[LogFault]:
+def _growing_delay(e: Signals) -> Iterator[LogFault]:
     """A clock that runs at another rate: the delay of headings grows through the log."""
     from scipy import stats  # here: it takes a tenth of a second to import
 
@@ -137,7 +138,7 @@ def _growing_delay(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("clock", POSE_COLUMNS, sentence)
 
 
-def smoothed(e: LogSignals) -> Iterator[LogFault]:
+def smoothed(e: Signals) -> Iterator[LogFault]:
     """A heading that is averaged over seconds: the mean of the gyro or the wheels tells it."""
     turns = e.turns
     if turns is None:
@@ -161,7 +162,7 @@ def smoothed(e: LogSignals) -> Iterator[LogFault]:
 
 # ------------------------------------------------------------------------------------------
 # columns of wheels
-def _same_columns(e: LogSignals) -> Iterator[LogFault]:
+def _same_columns(e: Signals) -> Iterator[LogFault]:
     """Both wheels from one column, although the robot turns."""
     if e.wheels is not None and e.turning is not None and np.array_equal(*e.wheels):
         if np.mean(np.abs(e.turning) > MOVES) > 0.1:
@@ -169,7 +170,7 @@ def _same_columns(e: LogSignals) -> Iterator[LogFault]:
             yield LogFault("same", ENCODERS, sentence)
 
 
-def positions(e: LogSignals) -> Iterator[LogFault]:
+def positions(e: Signals) -> Iterator[LogFault]:
     """Columns of wheels that are positions: their slopes tell the motion, and they do not."""
     group = e.log.groups.get("wheels")
     table = None if group is None else group.table(ENCODERS)
@@ -186,7 +187,7 @@ def positions(e: LogSignals) -> Iterator[LogFault]:
         if np.ptp(way) < 10.0 or np.percentile(steps, 90.0) > 0.05 * np.ptp(way):
             return
         slopes[name] = rates_of_positions(group.t, way)
-    turned = LogSignals(e.log.changed("wheels", slopes))
+    turned = Signals(e.log.changed("wheels", slopes))
     alike = min(turned.likeness(), default=0.0)
     if alike > max(0.5, min(e.likeness(), default=0.0) + 0.2):
         sentence = (
@@ -198,7 +199,7 @@ def positions(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("counter" if wrapped else "positions", ENCODERS, sentence)
 
 
-def _single_samples(e: LogSignals) -> Iterator[LogFault]:
+def _single_samples(e: Signals) -> Iterator[LogFault]:
     """Counters that wrap, spikes and dropouts: single samples that no wheel reaches."""
     for name, least in (("enc_left", 5.0), ("enc_right", 5.0), ("gyro_z", 2.0)):
         if not e.log.has((name,)):
@@ -224,13 +225,13 @@ def _single_samples(e: LogSignals) -> Iterator[LogFault]:
             yield LogFault("counter" if wraps else "spikes", (name,), sentence)
 
 
-def _unsigned_wheels(e: LogSignals) -> Iterator[LogFault]:
+def _unsigned_wheels(e: Signals) -> Iterator[LogFault]:
     """Encoders that tell no direction: never negative, although the robot drives backwards."""
     raw = [e.log.columns[name] for name in ENCODERS if e.log.has((name,))]
     v = e.along
     if e.wheels is None or v is None or any(values.min() < -0.01 * values.max() for values in raw):
         return
-    w = e.signals["yaw"]
+    w = e.means["yaw"]
     backwards = np.zeros(len(v), dtype=bool)
     for side in e.wheels:
         # a rim's speed is v -+ b w; its square is linear in these
@@ -248,7 +249,7 @@ def _unsigned_wheels(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("sign", ENCODERS, sentence)
 
 
-def set_points(e: LogSignals) -> Iterator[LogFault]:
+def set_points(e: Signals) -> Iterator[LogFault]:
     """Wheel rates that follow from the commands exactly, as set points do."""
     wheels = e.log.groups.get("wheels")
     commands = e.log.groups.get("cmd")
@@ -270,12 +271,12 @@ def set_points(e: LogSignals) -> Iterator[LogFault]:
             return
 
 
-def pushed(e: LogSignals) -> Iterator[LogFault]:
+def pushed(e: Signals) -> Iterator[LogFault]:
     """A robot that moves while its wheels stand."""
     if e.wheels is None or e.along is None:
         return
     fastest = np.max(np.abs(e.wheels), axis=0)
-    moves = np.hypot(e.signals["x"], e.signals["y"]) > 2.0 * MOVES
+    moves = np.hypot(e.means["x"], e.means["y"]) > 2.0 * MOVES
     n = np.count_nonzero((fastest < MOVES) & moves)
     # slower wheels are in another unit
     if n > max(2 * _FEW, 0.05 * len(moves)) and np.percentile(fastest, 90.0) > 10.0 * MOVES:
@@ -286,11 +287,11 @@ def pushed(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("slip", ENCODERS, sentence)
 
 
-def _unlike_sides(e: LogSignals) -> Iterator[LogFault]:
+def _unlike_sides(e: Signals) -> Iterator[LogFault]:
     """Wheels of one side that are faster than the robot moves, always or while they slip."""
     if e.wheels is None or e.along is None:
         return
-    moved = np.column_stack([e.along, e.signals["yaw"]])
+    moved = np.column_stack([e.along, e.means["yaw"]])
     sizes = np.linalg.norm(moved, axis=0)
     if not np.all(sizes):
         return
@@ -322,9 +323,9 @@ def _unlike_sides(e: LogSignals) -> Iterator[LogFault]:
 
 # ------------------------------------------------------------------------------------------
 # commands, gyro and pose
-def _commands_of_wheels(e: LogSignals) -> Iterator[LogFault]:
+def _commands_of_wheels(e: Signals) -> Iterator[LogFault]:
     """Commands that are those of two wheels."""
-    asked = [e.signals[name] for name in TWIST if name in e.signals]
+    asked = [e.means[name] for name in TWIST if name in e.means]
     if e.wheels is None or e.turning is None or len(asked) < 2:
         return
     if min(map(correlation, asked, e.wheels)) > 0.95 and correlation(asked[1], e.turning) < 0.8:
@@ -332,14 +333,14 @@ def _commands_of_wheels(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("swapped", TWIST, sentence)
 
 
-def _other_commands(e: LogSignals) -> Iterator[LogFault]:
+def _other_commands(e: Signals) -> Iterator[LogFault]:
     """Commands that resemble nothing that the robot did."""
     along = e.along
     if along is None and e.wheels is not None:
         along = np.sum(e.wheels, axis=0)
-    if not {*TWIST} <= e.signals.keys() or e.turning is None or along is None:
+    if not {*TWIST} <= e.means.keys() or e.turning is None or along is None:
         return
-    asked = np.array([e.signals[name] for name in TWIST])
+    asked = np.array([e.means[name] for name in TWIST])
     did = np.array([along, e.turning])
     commanded = np.any(asked != 0.0, axis=0)
     moves = np.any(np.abs(did) > MOVES, axis=0)
@@ -359,10 +360,10 @@ def _other_commands(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("unrelated", TWIST, sentence)
 
 
-def _gyro_against_heading(e: LogSignals) -> Iterator[LogFault]:
+def _gyro_against_heading(e: Signals) -> Iterator[LogFault]:
     """A gyro that differs from the heading's rate by an offset, more and more, or by a factor."""
-    gyro = e.signals.get("gyro_z")
-    turning = e.signals.get("yaw")
+    gyro = e.means.get("gyro_z")
+    turning = e.means.get("yaw")
     if gyro is None or turning is None or correlation(gyro, turning) < 0.3:
         return
     if not 0.5 < np.linalg.norm(gyro) / np.linalg.norm(turning) < 2.0:
@@ -397,9 +398,9 @@ def _gyro_against_heading(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("scale", ("gyro_z",), sentence)
 
 
-def _turned_path(e: LogSignals) -> Iterator[LogFault]:
+def _turned_path(e: Signals) -> Iterator[LogFault]:
     """A path that goes at an angle to its heading, or is counted along the robot."""
-    s = e.signals
+    s = e.means
     if e.along is None or not (np.any(s["x"]) and np.any(s["y"])):
         return
     step = s["x"] + 1j * s["y"]
@@ -425,7 +426,7 @@ def _turned_path(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("frame", ("x", "y"), sentence)
 
 
-def _speeds_for_places(e: LogSignals) -> Iterator[LogFault]:
+def _speeds_for_places(e: Signals) -> Iterator[LogFault]:
     """Positions that are speeds: their size follows the wheels."""
     pose = e.log.groups.get("pose")
     wheels = e.log.groups.get("wheels")
@@ -443,9 +444,9 @@ def _speeds_for_places(e: LogSignals) -> Iterator[LogFault]:
 
 
 # ------------------------------------------------------------------------------------------ any
-def frozen(e: LogSignals) -> Iterator[LogFault]:
+def frozen(e: Signals) -> Iterator[LogFault]:
     """Columns that keep their value for long while others say that the robot moves."""
-    turning, forward = measures(e.signals, e.radius)
+    turning, forward = measures(e.means, e.radius)
     shares = {}
     for name, values in e.log.columns.items():
         told = [m for m in (*turning, *forward) if name not in m.columns]
@@ -453,7 +454,7 @@ def frozen(e: LogSignals) -> Iterator[LogFault]:
         known = column_of(name).usual < math.inf or name in POSE_COLUMNS
         if not others or not known or name in TWIST:  # joysticks command nothing
             continue
-        rate = e.signals.get(name)
+        rate = e.means.get(name)
         if rate is None:
             if np.ptp(values) > 0.0:
                 continue
@@ -468,7 +469,7 @@ def frozen(e: LogSignals) -> Iterator[LogFault]:
         if name in ENCODERS:
             # where both sides are kept, they may be set points, or the robot stands and its
             # localiser does not
-            kept &= _changes(e.signals.get(ENCODERS[name == ENCODERS[0]], rate)) > 1e-12
+            kept &= _changes(e.means.get(ENCODERS[name == ENCODERS[0]], rate)) > 1e-12
         n = np.count_nonzero(moves & kept)
         moving = np.count_nonzero(moves)
         if n > max(FEWEST_WINDOWS // 4, _FROZEN * moving):
@@ -484,7 +485,7 @@ def _changes(values: object) -> FloatArray:
     return np.abs(np.diff(np.asarray(values, dtype=np.float64), prepend=math.nan))
 
 
-def _too_large(e: LogSignals) -> Iterator[LogFault]:
+def _too_large(e: Signals) -> Iterator[LogFault]:
     """Numbers that are larger than a robot's can be."""
     for name, values in e.log.columns.items():
         column = column_of(name)
@@ -497,7 +498,7 @@ def _too_large(e: LogSignals) -> Iterator[LogFault]:
             yield LogFault("scale", (name,), sentence)
 
 
-Check = Callable[[LogSignals], Iterator[LogFault]]
+Check = Callable[[Signals], Iterator[LogFault]]
 CHECKS: Mapping[Check, float] = {
     circular: 0.0,
     _time_unit: 0.0,
@@ -526,10 +527,9 @@ CHECKS: Mapping[Check, float] = {
 function and its line here."""
 
 
-def checked(log: Log, radius: float | None) -> Iterator[LogFault]:
-    """Yield what the tests say of a log; `radius` is that of the wheels [m], None for any."""
-    e = LogSignals(log, radius)
-    span = min(float(group.t[-1] - group.t[0]) for group in log.groups.values())
+def checked(e: Signals) -> Iterator[LogFault]:
+    """Yield what the tests say of a log."""
+    span = min(float(group.t[-1] - group.t[0]) for group in e.log.groups.values())
     for check, shortest in CHECKS.items():
         if span < shortest:
             continue
@@ -538,4 +538,4 @@ def checked(log: Log, radius: float | None) -> Iterator[LogFault]:
             columns = {*chain(*(fault.columns for fault in found))}
             if "t" in columns or columns >= e.log.columns.keys():
                 return
-            e = LogSignals(e.log.without(columns), radius)
+            e = e.without(columns)

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ssmr.geometry import integral
 from ssmr.types import FloatArray, IndexArray
-from validation.files.channels import ENCODERS, TWIST, LogSignals
-from validation.files.log import POSE_COLUMNS, Group, Log, LogFault
-from validation.files.signals import TIME_ROUNDOFF, fresh_poses
+from validation.files.log import POSE_COLUMNS, LogFault
+from validation.files.motion import ENCODERS, ODOMETRY, TWIST, NewPoses, Way
+from validation.files.sensors import Signals
+from validation.files.signals import TIME_ROUNDOFF
 
 _WINDOW_S = 6.0
 """Length of the windows over which ways and turns are compared [s]."""
@@ -64,50 +63,29 @@ def trust_in(source: str) -> int:
     return 2
 
 
-class NewPoses(NamedTuple):
-    """Poses of a log that are new, M of them."""
-
-    group: Group
-    """Group that they are of."""
-    rows: IndexArray
-    """(M,) their indices in it."""
-    t: FloatArray
-    """(M,) stamps [s]."""
-    pose: FloatArray
-    """(M, 3) x, y [m] and yaw [rad]."""
+_Ways = Sequence[Way]
+"""Sums of rates from which something may follow, each times a factor."""
 
 
-def new_poses(log: Log) -> NewPoses | None:
-    """Return the new poses of a log; None without poses."""
-    group = log.group_of(POSE_COLUMNS)
-    pose = None if group is None else group.table(POSE_COLUMNS)
-    if group is None or pose is None:
-        return None
-    new = np.flatnonzero(fresh_poses(group.t, pose))
-    return NewPoses(group, new, group.t[new], pose[new])
+def _explanations(signals: Signals) -> Iterator[tuple[tuple[str, ...], _Ways, _Ways]]:
+    """Yield columns from which poses may follow, their sums for ways and those for turns.
 
-
-_Rates = tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]
-"""Columns, (K,) stamps [s], and the (K, p) and (K, q) rates from which ways and turns may follow,
-each times a factor."""
-
-
-def _rates_of(log: Log) -> Iterator[_Rates]:
-    """Yield what poses of a log may follow from: wheels, odometry, each with a gyro, commands."""
-    imu = log.groups.get("imu")
-    for names in (ENCODERS, ("odom_v", "odom_w"), TWIST):
-        group = log.group_of(names)
-        if group is None:
+    They are the wheels and the odometry, each alone and with a gyro, and the commands.
+    """
+    ways = signals.ways
+    for names in (ENCODERS, ODOMETRY, TWIST):
+        if not {*names} <= ways.keys():
             continue
-        rates = np.column_stack([group.columns[name] for name in names])
-        yield names, group.t, rates, rates
-        if imu is not None and names != TWIST:
-            gyro = np.interp(group.t, imu.t, imu.columns["gyro_z"])
-            turns = np.column_stack([gyro, np.ones(len(gyro))])
-            yield (*names, "gyro_z"), group.t, rates, turns
+        own = [ways[name] for name in names]
+        yield names, own, own
+        if "gyro_z" in ways and names != TWIST:
+            t, turned = ways["gyro_z"]
+            yield (*names, "gyro_z"), own, [(t, turned), (t, t)]
 
 
-def _errors(poses: NewPoses, rates: _Rates, window: float) -> tuple[float, float] | None:
+def _errors(
+    poses: NewPoses, speeds: _Ways, turns: _Ways, window: float
+) -> tuple[float, float] | None:
     """Return the median errors of ways [m] and turns [rad] of a window that rates tell.
 
     The factors of the rates, and the delays of positions and headings behind them, are those that
@@ -115,11 +93,13 @@ def _errors(poses: NewPoses, rates: _Rates, window: float) -> tuple[float, float
 
     Args:
         poses: the new poses.
-        rates: rates that they may follow from.
+        speeds: sums that their ways may follow from.
+        turns: sums that their turns may follow from.
         window: length of the windows [s].
     """
-    _, stamps, speeds, turns = rates
-    inside = (poses.t > stamps[0] + _MOST_LAG) & (poses.t < stamps[-1] - _MOST_LAG)
+    start = max(stamps[0] for stamps, _ in (*speeds, *turns))
+    stop = min(stamps[-1] for stamps, _ in (*speeds, *turns))
+    inside = (poses.t > start + _MOST_LAG) & (poses.t < stop - _MOST_LAG)
     t = poses.t[inside]
     if len(t) < _FEWEST:
         return None
@@ -136,15 +116,13 @@ def _errors(poses: NewPoses, rates: _Rates, window: float) -> tuple[float, float
     spans = np.column_stack([starts, ends])[t[ends] - t[starts] < 1.2 * window]
     if len(spans) < _FEWEST:
         return None
-    along = _error(t, way, spans, stamps, speeds)
-    turned = _error(t, yaw, spans, stamps, turns)
+    along = _error(t, way, spans, speeds)
+    turned = _error(t, yaw, spans, turns)
     return None if along is None or turned is None else (along, turned)
 
 
-def _error(
-    t: FloatArray, values: FloatArray, spans: IndexArray, stamps: FloatArray, rates: FloatArray
-) -> float | None:
-    """Return the median error with which (M,) values follow from (K, p) rates at (K,) stamps [s].
+def _error(t: FloatArray, values: FloatArray, spans: IndexArray, ways: _Ways) -> float | None:
+    """Return the median error with which (M,) values at (M,) stamps [s] follow from sums of rates.
 
     `spans` has the (W, 2) first and last samples of windows. None where the values hardly change.
     """
@@ -152,12 +130,10 @@ def _error(
     moved = np.abs(rises) > _MOVED * np.median(np.diff(t[spans]))
     if np.count_nonzero(moved) < _FEWEST:
         return None
-    # each in one piece: interpolation would copy a column of all at every call
-    sums = np.ascontiguousarray(integral(stamps, rates).T)
 
     def error(lag: float) -> float:
         at = t[spans] + lag
-        design = np.column_stack([np.diff(np.interp(at, stamps, s))[:, 0] for s in sums])
+        design = np.column_stack([np.diff(np.interp(at, *way))[:, 0] for way in ways])
         rest = np.abs(design @ np.linalg.lstsq(design, rises)[0] - rises)
         return float(np.median(rest[moved]))
 
@@ -167,26 +143,26 @@ def _error(
     return error(lag)
 
 
-def circular(e: LogSignals) -> Iterator[LogFault]:
+def circular(e: Signals) -> Iterator[LogFault]:
     """A pose that follows from other columns of its log."""
-    poses = new_poses(e.log)
+    poses = e.poses
     if poses is None or trust_in(poses.group.source) <= 1:
         return
     measured = False
-    for rates in _rates_of(e.log):
-        source = e.log.own_group(rates[0][0]).source
+    for names, speeds, turns in _explanations(e):
+        source = e.log.own_group(names[0]).source
         own = bool(e.log.topics) and source == poses.group.source
         if own and measured:
             continue  # a localiser tells its own speed, and wheels do not follow
-        errors = _errors(poses, rates, _WINDOW_S)
-        measured |= errors is not None and rates[0][0] in ENCODERS
+        errors = _errors(poses, speeds, turns, _WINDOW_S)
+        measured |= errors is not None and names[0] in ENCODERS
         most = _FOLLOWS_TWIST if own else _FOLLOWS
         if errors is None or max(errors) > most:
             continue
-        noise = _errors(poses, rates, _SHORT_S)
+        noise = _errors(poses, speeds, turns, _SHORT_S)
         if noise is None or max(noise) < max(_NOISELESS, 0.3 * most):
             sentence = (
-                f"x, y and yaw follow from {' and '.join(rates[0])} to "
+                f"x, y and yaw follow from {' and '.join(names)} to "
                 f"{1e3 * errors[0]:.1f} mm and {math.degrees(errors[1]):.2f} deg in 6 s: the pose "
                 "is their integral, and says nothing of how the robot moved; take the pose of a "
                 "localiser"

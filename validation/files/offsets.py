@@ -15,10 +15,10 @@ from itertools import pairwise
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.files.circular import NewPoses, new_poses
-from validation.files.faults import find_jumps, twist_of
 from validation.files.log import POSE_COLUMNS, Group, Log
-from validation.files.signals import BoolArray, held, refreshed
+from validation.files.motion import SENSORS, NewPoses
+from validation.files.sensors import Signals
+from validation.files.signals import BoolArray, held
 
 _OFFSET_STEP = 0.01
 """Period on which signals are correlated [s]; a parabola through the best three lags is finer."""
@@ -34,9 +34,6 @@ _OFFSET_SAMPLES = 1_000_000
 beginning suffices."""
 _OFFSET_CORRELATION = 0.5
 """Least correlation from which an offset is taken; below it the two signals differ too much."""
-_CLOCK_ORDER = ("imu", "wheels", "odom", "pose")
-"""The first of these groups that a log has is the clock for the others: a gyro measures its yaw
-rate at once."""
 _BLOCK_S = 30.0
 """Length of the blocks of time whose errors are taken as independent [s]."""
 _BLOCKS = 8
@@ -107,71 +104,40 @@ def _slopes(poses: NewPoses) -> FloatArray:
     return np.diff(poses.pose, axis=0) / np.diff(poses.t)[:, None]
 
 
-def _poses(log: Log) -> tuple[NewPoses, BoolArray] | None:
+def _steps_of(signals: Signals) -> tuple[NewPoses, BoolArray] | None:
     """Return the new poses of a log, and (M - 1,) whether the localiser jumped between them."""
-    poses = new_poses(log)
+    poses = signals.poses
     if poses is None or len(poses.t) < 3:
         return None
-    jumps = find_jumps(log)
+    jumps = signals.jumps
     return poses, np.isin(poses.rows[1:], () if jumps is None else jumps.index)
 
 
-def _rates(
-    log: Log, poses: tuple[NewPoses, BoolArray] | None
-) -> tuple[dict[str, _Rate], dict[str, _Rate]]:
-    """Return the yaw rates of a log by group, and the speeds of its wheels and odometry.
-
-    They stand in `_CLOCK_ORDER`, then commands.
-    """
-    turning = {}
-    speeds = {}
-    for name in (*_CLOCK_ORDER, "cmd"):
-        group = log.groups.get(name)
-        if group is None:
-            continue
-        t = group.t
-        column = {"imu": "gyro_z", "cmd": "cmd_w"}.get(name, "")
-        if column in group.columns:
-            turning[name] = _Rate(t, group.columns[column], group)
-        elif poses is not None and name == "pose":
-            turning[name] = _of_steps(*poses, _slopes(poses[0])[:, 2])
-        elif name in ("wheels", "odom"):
-            # where sides are refreshed in turn, a row has a rate that is new and one that is old
-            for side in group.columns if name == "wheels" else ():
-                new = refreshed(t, group.columns[side][:, None])
-                steady = np.interp(t, t[new], group.columns[side][new])
-                group = replace(group, columns={**group.columns, side: steady})
-            twist = twist_of(group)
-            if twist is not None:
-                _, speed, yaw_rate = twist
-                new = refreshed(t, np.column_stack([speed, yaw_rate]))
-                speeds[name] = _Rate(t[new], speed[new], group)
-                turning[name] = _Rate(t[new], yaw_rate[new], group)
-    return turning, speeds
-
-
-def estimate_offsets(log: Log) -> list[Offset]:
-    """Estimate delays behind the first group of `_CLOCK_ORDER`.
+def estimate_offsets(signals: Signals) -> list[Offset]:
+    """Estimate delays behind the first sensor of `SENSORS`.
 
     The delay is the lag at which the correlation of two rates is greatest, refined by a parabola.
-    Yaw rates are compared with the first group's; the speed of the pose's position along its
+    Yaw rates are compared with the first sensor's; the speed of the pose's position along its
     heading with that of the wheels, whose own delay is added. The delay of commands is negative,
     because a robot follows them. Signals that do not resemble the first, or are zero, are left out.
     Samples that were only logged again do not count, nor do jumps of the localiser.
     """
-    poses = _poses(log)
-    turning, speeds = _rates(log, poses)
-    reference, *others = list(turning) or [""]
+    steps = _steps_of(signals)
+    turning = {name: _Rate(each.t, each.turn, each.group) for name, each in signals.told.items()}
+    if steps is not None:
+        turning["pose"] = _of_steps(*steps, _slopes(steps[0])[:, 2])
+    reference, *others = [name for name in SENSORS if name in turning] or [""]
     offsets = []
     for name in others:
         lag = _lag(turning[reference], turning[name])
         if lag is not None:
             offsets.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
-    if poses is not None and speeds:
-        wheels = next(iter(speeds))
-        position = _position_offset(wheels, speeds[wheels], poses, offsets)
-        if position is not None:
-            offsets.append(position)
+    for name in ("wheels", "odom"):
+        told = signals.told.get(name)
+        if steps is not None and told is not None and told.speed is not None:
+            speed = _Rate(told.t, told.speed, told.group)
+            position = _position_offset(name, speed, steps, offsets)
+            return offsets if position is None else [*offsets, position]
     return offsets
 
 
@@ -203,7 +169,7 @@ def _position_offset(
     return Offset("position", first.behind, late + first.seconds, alike, both)
 
 
-def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
+def synchronised(signals: Signals, offsets: Iterable[Offset]) -> Log:
     """Return the log with offsets taken out of the measurements.
 
     Commands stay, for their delay is the robot's.
@@ -213,11 +179,12 @@ def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
     of both.
     """
     late = {offset.late: offset.seconds for offset in offsets if offset.late != "cmd"}
+    log = signals.log
     groups = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in log.groups.items()}
     delays = [late[name] for name in ("position", "pose_yaw") if name in late]
-    poses = _poses(log)
-    if poses is not None and delays:
-        groups["pose"] = _moved(*poses, delays[0], delays[-1])
+    steps = _steps_of(signals)
+    if steps is not None and delays:
+        groups["pose"] = _moved(*steps, delays[0], delays[-1])
     return replace(log, groups=groups)
 
 

@@ -18,11 +18,12 @@ import numpy as np
 
 from ssmr.geometry import compose
 from ssmr.types import FloatArray
-from validation.files.channels import ENCODERS, LogSignals
 from validation.files.circular import circular, trust_in
 from validation.files.log import POSE_COLUMNS, Group, Log, Topic
 from validation.files.messages import TRANSFORM
+from validation.files.motion import ENCODERS
 from validation.files.reading import FileError, quoted
+from validation.files.sensors import Signals
 
 _GOALS = re.compile(r"goal|target|waypoint|initial_?pose|set_?pose|desired|set_?point|_ref\b|plan")
 """Parts of the names of poses where nobody is."""
@@ -188,7 +189,7 @@ def _extent(topic: Topic) -> float:
     return max(spans)
 
 
-def _evidence(poses: Topic, chosen: Mapping[str, Topic]) -> LogSignals:
+def _evidence(poses: Topic, chosen: Mapping[str, Topic]) -> Signals:
     """Return what a topic of poses tells, and the wheels beside it, or else the odometry."""
     groups = {"pose": _group(poses, {name: name for name in POSE_COLUMNS})}
     for role, names in (
@@ -198,7 +199,7 @@ def _evidence(poses: Topic, chosen: Mapping[str, Topic]) -> LogSignals:
         topic = chosen.get(role)
         if len(groups) < 2 and topic is not None and topic is not poses:
             groups[role] = _group(topic, names)
-    return LogSignals(Log(Path(poses.name), groups))
+    return Signals(Log(Path(poses.name), groups))
 
 
 def _group(topic: Topic, names: Mapping[str, str]) -> Group:

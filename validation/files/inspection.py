@@ -1,0 +1,292 @@
+"""A log is looked at once, where it is opened.
+
+That finds what it shows by itself, faults and the gyro's readings at rest, and for what it is good
+enough. `read_log` refuses impossible numbers. Nothing here is certain enough to refuse a log; it
+warns of columns that are not to be trusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+
+import numpy as np
+
+from ssmr.types import FloatArray
+from validation.files.checks import checked
+from validation.files.log import POSE_COLUMNS, Group, Log, LogFault
+from validation.files.motion import ENCODERS, TWIST, Jumps
+from validation.files.offsets import Offset, estimate_offsets
+from validation.files.reading import FileError
+from validation.files.sensors import Signals
+from validation.files.signals import BoolArray, moving_mean, nearest
+
+_REST_V = 0.01
+"""A robot stands if its wheels' speed, averaged over `2 _REST_MARGIN`, is below this [m/s]; noisy
+encoders show a third."""
+_REST_W = 0.02
+"""A robot stands if its wheels' yaw rate, averaged likewise, is below this [rad/s]."""
+_REST_MARGIN = 0.5
+"""Samples that lie nearer to a motion than this do not count as rest [s]: odometry may be late."""
+REST_LEAST = 2.0
+"""Shortest total rest from which a bias is taken [s]."""
+WHEELS_MEAN_S = 0.25
+"""Time before and after an instant over which wheel rates are averaged, against the noise of
+encoders [s]."""
+WHEELS_TURN = 0.1
+"""Wheel rate above which a wheel turns [rad/s]: 16 mm/s of a Husky, well above the noise of means
+of encoders."""
+LEAST_COMMAND = 0.01
+"""Size of a command above which it asks for motion [m/s, rad/s]."""
+AFTER_COMMAND_S = 2.0
+"""Time after a command in which wheels may still turn because of it [s]: a dead time of 0.4 s, and
+a ramp of 1 m/s² from the speed of a fast robot."""
+_BEFORE_COMMAND_S = 0.5
+"""The same time before a command [s], as clocks of a log differ."""
+_FATAL = (
+    *("sign", "swapped", "scale", "handedness", "circular", "positions", "setpoints"),
+    *("unrelated", "same", "frame", "counter"),
+)
+"""Kinds of faults with which no fit makes sense, as long as they are not put right."""
+_WINDOW_S = 6.0
+"""Length of the windows over which predictions are judged [s]."""
+_PARTS = 3.0
+"""A log is fitted on all but one of so many parts of it, and judged on that."""
+_STEP_S = 0.5
+"""Time between the poses that are compared [s]."""
+_STANDS = 0.3
+"""Way [m] and turn [rad] of a whole log below which the robot stands."""
+_TURNED = 0.4
+"""Change of heading below which a log hardly turns [rad]."""
+_SLOW = 0.03
+"""Speed below which wheels and localisers tell little but noise [m/s]."""
+_STEADY = 0.05
+"""Deviation of speed and yaw rate, over their means, of a constant circle [1]."""
+
+
+# ------------------------------------------------------------------------------------------ rest
+def standing(signals: Signals, t: FloatArray) -> BoolArray:
+    """Return (N,) whether the robot stood at instants `t` [s], by its wheels; False without any."""
+    wheels = signals.as_logged("wheels", "odom")
+    if wheels is None or wheels.speed is None:
+        return np.zeros(len(t), dtype=bool)
+    stamps = wheels.t
+    drives = np.abs(moving_mean(stamps, wheels.speed, _REST_MARGIN)) > _REST_V
+    turns = np.abs(moving_mean(stamps, wheels.turn, _REST_MARGIN)) > _REST_W
+    before, after = nearest(stamps[drives | turns], t)
+    covered = (t >= stamps[0]) & (t <= stamps[-1])
+    return (np.minimum(before, after) > _REST_MARGIN) & covered
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Readings of a gyro while the wheels stand."""
+
+    bias: float
+    """Mean of the readings [rad/s]."""
+    std: float
+    """Standard deviation of single readings [rad/s]."""
+    seconds: float
+    """Total time at rest [s]."""
+
+
+def find_rest(signals: Signals) -> Rest | None:
+    """Return the gyro's readings at rest; None without a gyro or `REST_LEAST` of standing."""
+    imu = signals.log.groups.get("imu")
+    if imu is None:
+        return None
+    still = standing(signals, imu.t)
+    seconds = float(np.count_nonzero(still)) * imu.period
+    if seconds < REST_LEAST:
+        return None
+    readings = imu.columns["gyro_z"][still]
+    return Rest(float(np.mean(readings)), float(np.std(readings)), seconds)
+
+
+def unbiased(log: Log, rest: Rest | None) -> Log:
+    """Return a log with the gyro's mean at rest taken out; a FileError says that it is unknown."""
+    if rest is None:
+        raise FileError(
+            log.path, f"unbias needs a gyro, and wheels that stand for {REST_LEAST:g} s in all"
+        )
+    return log.changed("imu", {"gyro_z": log.columns["gyro_z"] - rest.bias})
+
+
+# ------------------------------------------------------------------------------------------ faults
+@dataclass(frozen=True, eq=False)
+class Faults:
+    """Faults of a log."""
+
+    named: tuple[LogFault, ...]
+    """Columns that are not what their names say."""
+    jumps: Jumps | None
+    """Jumps of the pose; None where there is no pose, or nothing says how fast the robot was."""
+    uncommanded_share: float | None
+    """Share of the time in which wheels turn without a command [1]; None without commands or
+    wheels."""
+    dead_columns: tuple[str, ...]
+    """Columns that stay the same although the robot moves."""
+
+    def sentences(self, *, named: bool = True) -> list[str]:
+        """Return a sentence for each fault of the log, with or without the `named` ones."""
+        notes = [fault.sentence for fault in self.named if named]
+        if self.jumps is not None:
+            notes += self.jumps.sentences()
+        share = self.uncommanded_share
+        if share is not None and share >= 0.01:
+            notes.append(
+                f"the wheels turn with no command for {100.0 * share:.0f} % of the log "
+                "(joystick?); use --input wheels"
+            )
+        return notes
+
+
+def find_faults(signals: Signals) -> Faults:
+    """Return the faults of a log."""
+    log = signals.log
+    faults = (*log.faults, *checked(signals))
+    share = _uncommanded_share(signals)
+    frozen = chain(*(fault.columns for fault in faults if fault.kind == "frozen"))
+    dead = [*frozen, *(TWIST if share and log.has(TWIST) else ())]
+    same = tuple(name for name in dead if np.ptp(log.columns[name]) == 0.0)
+    return Faults(faults, signals.jumps, share, same)
+
+
+def _uncommanded_share(signals: Signals) -> float | None:
+    """Return the share of time in which wheels turn `AFTER_COMMAND_S` or more after a command."""
+    wheels = signals.log.group_of(ENCODERS)
+    command = signals.as_logged("cmd")
+    if wheels is None or command is None or command.speed is None:
+        return None
+    t = wheels.t
+    means = [moving_mean(t, wheels.columns[name], WHEELS_MEAN_S) for name in ENCODERS]
+    asked = np.maximum(np.abs(command.speed), np.abs(command.turn))
+    since, until = nearest(command.t[asked > LEAST_COMMAND], t)
+    quiet = (since > AFTER_COMMAND_S + WHEELS_MEAN_S) & (until > _BEFORE_COMMAND_S)
+    return float(np.mean(quiet & (np.abs(means).max(axis=0) > WHEELS_TURN)))
+
+
+# ------------------------------------------------------------------------------------------ the log
+@dataclass(frozen=True, eq=False)
+class Inspected:
+    """A log with the stamps of its groups, and what it shows by itself, each looked for once."""
+
+    log: Log
+    """The log."""
+    radius: float | None = None
+    """Radius of the robot's wheels [m]; None where it is unknown."""
+
+    @cached_property
+    def signals(self) -> Signals:
+        """What its sensors tell of the motion."""
+        return Signals(self.log, self.radius)
+
+    @cached_property
+    def faults(self) -> Faults:
+        """Its faults."""
+        return find_faults(self.signals)
+
+    @cached_property
+    def offsets(self) -> tuple[Offset, ...]:
+        """Delays between its signals."""
+        return tuple(estimate_offsets(self.signals))
+
+    @cached_property
+    def rest(self) -> Rest | None:
+        """The gyro's readings while the robot stands; None without any."""
+        return find_rest(self.signals)
+
+    @cached_property
+    def lacks(self) -> tuple[str, ...]:
+        """A sentence for each thing that it cannot tell, and what to drive."""
+        return tuple(_find_lacks(self.signals))
+
+    @property
+    def unsolved(self) -> list[LogFault]:
+        """Its faults but those that were put right when it was read."""
+        return [fault for fault in self.faults.named if fault not in self.log.faults]
+
+    @property
+    def fatal(self) -> list[LogFault]:
+        """Those of them with which no fit makes sense."""
+        return [fault for fault in self.unsolved if fault.kind in _FATAL]
+
+    def good_for(self) -> dict[str, bool]:
+        """Return whether a fit by `wheels`, by `commands`, and a look at the `gyro` make sense."""
+        spoiled = {*chain(*(fault.columns for fault in self.fatal))}
+        needs = {"gyro": ("gyro_z",), "commands": TWIST, "wheels": ENCODERS}
+        good = {}
+        for name, columns in needs.items():
+            used = {*POSE_COLUMNS, *columns}
+            good[name] = self.log.has(used) and not spoiled & used and not self.lacks
+        return good
+
+    @cached_property
+    def common(self) -> Log:
+        """The log on one clock, see `Log.on_one_clock`."""
+        return self.log.on_one_clock()
+
+
+def too_short(group: Group) -> str:
+    """Return a sentence on a group of poses that has no window between its gaps; else nothing."""
+    edges = [float(group.t[0]), *np.ravel(group.gaps()), float(group.t[-1])]
+    longest = float(np.max(np.diff(edges)[::2]))
+    if longest >= _WINDOW_S:
+        return ""
+    return (
+        f"{longest:.3g} s without a gap are too short for a window of {_WINDOW_S:g} s: "
+        "drive for a minute or more"
+    )
+
+
+def _find_lacks(signals: Signals) -> Iterator[str]:
+    """Yield a sentence for each thing that a log with poses cannot tell, and what to drive."""
+    poses = signals.poses
+    if poses is None or len(poses.t) < 3:
+        return
+    t = poses.t
+    whole = float(t[-1] - t[0])
+    short = too_short(poses.group)
+    if short:
+        yield short
+        return
+    if whole < _PARTS * _WINDOW_S:
+        yield (
+            f"the last third of {whole:.3g} s is too short to judge on: drive for a minute or more"
+        )
+    grid = np.arange(t[0], t[-1], _STEP_S)
+    x, y, yaw = (np.interp(grid, t, column) for column in poses.pose.T)
+    speed = np.hypot(np.diff(x), np.diff(y)) / _STEP_S
+    rate = np.diff(yaw) / _STEP_S
+    extent = max(np.ptp(x), np.ptp(y))
+    turned = np.ptp(yaw)
+    if extent < _STANDS and turned < _STANDS:
+        yield "the robot stands: drive ahead, back, and curves to both sides"
+    elif turned < _TURNED:
+        yield (
+            "the log never turns, so how the robot turns cannot be determined: "
+            "drive curves to both sides, and turn on the spot"
+        )
+    elif extent < _STANDS:
+        yield "the robot only turns on the spot: drive ahead and curves too"
+    else:
+        yield from _monotonous(speed, rate)
+
+
+def _monotonous(speed: FloatArray, rate: FloatArray) -> Iterator[str]:
+    """Yield what is too uniform in (N,) speeds [m/s] and yaw rates [rad/s] of a log."""
+    moving = speed > _SLOW
+    if np.mean(moving) < 0.2 and np.percentile(speed, 98.0) < 2.0 * _SLOW:
+        yield f"the robot is slower than {_SLOW:g} m/s, so noise hides its motion: drive faster"
+        return
+    v = speed[moving]
+    w = rate[moving]
+    turns = float(np.mean(np.abs(w)))
+    if turns > 0.02 and np.std(v) < _STEADY * np.mean(v) and np.std(w) < _STEADY * turns:
+        yield "the robot drives one constant circle: change speed and radius, and turn both ways"
+        return
+    sides = [float(np.sum(w[w > 0.0])), -float(np.sum(w[w < 0.0]))]
+    if min(sides) < 0.02 * max(sides):
+        yield "the robot turns to one side only, so left and right wheels are mixed: turn both ways"

@@ -1,0 +1,294 @@
+"""What each sensor of a log tells of the robot's motion: one table, made where the log is opened.
+
+Whoever asks how fast a robot drove or turned, by which sensor, reads it here. Each signal has
+stamps of its own, and a sample that was only logged again does not count. Means over windows bring
+all signals onto one clock, whatever their delays: what the columns tell of the yaw rate says how
+late one group is behind another.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ssmr.geometry import integral
+from ssmr.types import FloatArray
+from validation.files.log import POSE_COLUMNS, Group, Log
+from validation.files.motion import (
+    ENCODERS,
+    SENSORS,
+    Jumps,
+    NewPoses,
+    Told,
+    Way,
+    find_jumps,
+    motion_by_sensor,
+    ways_of,
+)
+from validation.files.signals import centred, correlations, fresh_poses, refreshed
+
+_WINDOW_S = 1.0
+"""Length of the windows over which signals are averaged [s]."""
+_STEP_S = 0.5
+"""Time between the middles of two windows [s]."""
+_LAGS = sorted(np.arange(-1.5, 1.51, 0.1).tolist(), key=abs)
+"""Delays of a sensor or a command that are tried [s], the least ones first."""
+_SHORT_S = 60.0
+"""Length of a log from which the times above hold [s]; of a shorter one they are parts."""
+_MOST = 4000
+"""Number of windows that suffices, and length of the headings that are compared [s]."""
+_FINE_S = 0.1
+"""Time between the headings that are compared [s]."""
+LONGEST_S = 60.0
+"""Longest difference of two clocks that is looked for [s]."""
+FEWEST_WINDOWS = 20
+"""Number of windows from which they say anything of signals."""
+_WINDOWED = ("wheels", "odom", "imu", "cmd", "pose")
+"""Groups that tell of motion, in the order in which each is brought to the time of the first."""
+Means = Mapping[str, FloatArray]
+"""(N,) means over windows by column: rates; of x, y and yaw their rates of change, and `heading`,
+the yaw itself [rad]. Empty where there are too few windows."""
+
+
+# -------------------------------------------------------------------------------- the table
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """A log, and what its sensors tell of the motion."""
+
+    log: Log
+    radius: float | None = None
+    """Radius of the wheels [m]; None where nobody knows it."""
+
+    def without(self, columns: Iterable[str]) -> Signals:
+        """Return what the log tells without some columns."""
+        return replace(self, log=self.log.without(columns))
+
+    @cached_property
+    def poses(self) -> NewPoses | None:
+        """The new poses; None without poses."""
+        group = self.log.group_of(POSE_COLUMNS)
+        if group is None:
+            return None
+        pose = np.column_stack([group.columns[name] for name in POSE_COLUMNS])
+        new = np.flatnonzero(fresh_poses(group.t, pose))
+        return NewPoses(group, new, group.t[new], pose[new])
+
+    @cached_property
+    def told(self) -> Mapping[str, Told]:
+        """The motion by each sensor of rates, in the order of `SENSORS`."""
+        told = {}
+        for sensor in SENSORS:
+            group = self.log.groups.get(sensor)
+            if group is None or sensor == "pose":
+                continue
+            rates = dict(group.columns)
+            # where sides are refreshed in turn, a row has a rate that is new and one that is old
+            for name in ENCODERS if sensor == "wheels" else ():
+                if name in rates:
+                    new = refreshed(group.t, rates[name][:, None])
+                    rates[name] = np.interp(group.t, group.t[new], rates[name][new])
+            speeds, turns = motion_by_sensor(rates)
+            if sensor not in turns:
+                continue
+            known = [part[sensor] for part in (speeds, turns) if sensor in part]
+            new = np.ones(len(group.t), dtype=bool)
+            if sensor != "cmd":  # a command that is repeated holds on
+                new = refreshed(group.t, np.column_stack(known))
+            speed = speeds[sensor][new] if sensor in speeds else None
+            told[sensor] = Told(group, group.t[new], speed, turns[sensor][new])
+        return told
+
+    def as_logged(self, *sensors: str) -> Told | None:
+        """Return every row of the first of some sensors that tells speeds and turns; else None."""
+        for sensor in sensors:
+            group = self.log.groups.get(sensor)
+            if group is not None:
+                speeds, turns = motion_by_sensor(group.columns)
+                if sensor in speeds and sensor in turns:
+                    return Told(group, group.t, speeds[sensor], turns[sensor])
+        return None
+
+    @cached_property
+    def jumps(self) -> Jumps | None:
+        """Jumps of the pose; None where there is none, or nothing says how fast the robot was."""
+        return find_jumps(self.poses, self.as_logged("wheels", "odom", "cmd"))
+
+    @cached_property
+    def ways(self) -> Mapping[str, Way]:
+        """The ways of columns of motion: integrals of rates, and x, y and yaw themselves."""
+        ways = dict[str, Way]()
+        for sensor in SENSORS:
+            if sensor in self.log.groups:
+                ways |= ways_of(self.log.groups[sensor])
+        return ways
+
+    @cached_property
+    def means(self) -> Means:
+        """The means over windows, see `window_means`."""
+        return window_means(self.log.groups, self.ways)
+
+    @property
+    def turning(self) -> FloatArray | None:
+        """(N,) yaw rates by heading, or else by the gyro [rad/s]."""
+        return self.means.get("yaw", self.means.get("gyro_z"))
+
+    @property
+    def along(self) -> FloatArray | None:
+        """(N,) speeds of the pose along its heading [m/s]."""
+        return motion_by_sensor(self.means)[0].get("pose")
+
+    @property
+    def wheels(self) -> FloatArray | None:
+        """(2, N) rates of left and right wheels [rad/s]."""
+        sides = [self.means[name] for name in ENCODERS if name in self.means]
+        return np.array(sides) if len(sides) == 2 else None
+
+    def likeness(self) -> list[float]:
+        """Return how alike turns and ways by wheels or odometry are to those by pose or gyro.
+
+        These are correlations of their sizes about their means; none where nothing varies.
+        """
+        speeds, turns = motion_by_sensor(self.means)
+        alike = []
+        for told, measured in ((turns, self.turning), (speeds, self.along)):
+            a = told.get("wheels", told.get("odom"))
+            if a is not None and measured is not None:
+                if min(np.std(a), np.std(measured)) > 1e-4:
+                    alike.append(centred(np.abs(a), np.abs(measured)))
+        return alike
+
+    @cached_property
+    def turns(self) -> Turns | None:
+        """Headings and the turns by gyro or wheels; None without both."""
+        sensor = next((name for name in ("imu", "wheels") if name in self.told), "")
+        if not sensor or "yaw" not in self.ways:
+            return None
+        told = self.told[sensor]
+        name = "gyro_z" if sensor == "imu" else sensor
+        return turns_of(self.ways["yaw"], (told.t, integral(told.t, told.turn)), name)
+
+
+# ------------------------------------------------------------------------------------------ windows
+def window_means(every: Mapping[str, Group], told: Mapping[str, Way]) -> Means:
+    """Return the means over windows on the clock of the first group; none where there are too few.
+
+    Each of the groups is brought to the time of the first. At least two groups must overlap for
+    `FEWEST_WINDOWS` outside their gaps.
+
+    Args:
+        every: groups by name.
+        told: ways of their columns.
+    """
+    groups = [every[name] for name in _WINDOWED if name in every]
+    if len(groups) < 2:
+        return {}
+    start = max(g.t[0] for g in groups)
+    stop = min(g.t[-1] for g in groups)
+    period = min(g.period for g in groups)
+    unit = max(min(1.0, (stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
+    # windows that are moved by the longest lag stay within all groups
+    margin = unit * (_WINDOW_S + abs(_LAGS[-1]))
+    n = min(_MOST, math.floor((stop - start - 2.0 * margin) / (unit * _STEP_S)))
+    if n < FEWEST_WINDOWS:
+        return {}
+    middles = start + margin + unit * _STEP_S * np.arange(n)
+    means = dict[str, FloatArray]()
+    usable = np.ones(n, dtype=bool)
+    bases = list[FloatArray]()
+    for group in groups:
+        ways = {name: told[name] for name in group.columns if name in told}
+        at = middles + (_lag(ways, middles, bases, unit) if means else 0.0)
+        means |= _means(ways, at, unit)
+        usable &= ~group.in_gaps(at, -0.5 * unit)
+        if means and not bases:
+            rates = np.column_stack(list(means.values()))
+            products = np.einsum("ni,nj->nij", rates, rates).reshape(n, -1)
+            bases = [np.linalg.qr(basis)[0] for basis in (rates, products)]
+    if np.count_nonzero(usable) < FEWEST_WINDOWS:
+        return {}
+    return {name: values[usable] for name, values in means.items()}
+
+
+def _means(ways: Mapping[str, Way], middles: FloatArray, window: float) -> dict[str, FloatArray]:
+    """Return the channels over a `window` [s] around the (N,) middles [s]."""
+    low = middles - 0.5 * window
+    high = middles + 0.5 * window
+    means = {}
+    for name, (t, way) in ways.items():
+        means[name] = (np.interp(high, t, way) - np.interp(low, t, way)) / window
+    if "yaw" in ways:
+        means["heading"] = np.interp(middles, *ways["yaw"])
+    return means
+
+
+def _lag(
+    ways: Mapping[str, Way], middles: FloatArray, bases: Sequence[FloatArray], unit: float
+) -> float:
+    """Return the delay of a group's columns [s] at which the others explain most of them.
+
+    Signs and units do not matter. Rates are explained by the rates of another group, the square of
+    a speed of positions by their products; `bases` has an orthonormal basis of each.
+    """
+
+    def share(values: FloatArray, basis: FloatArray) -> float:
+        return float(np.sum((values @ basis) ** 2)) / max(float(values @ values), 1e-12)
+
+    def explained(lag: float) -> float:
+        means = _means(ways, middles + unit * lag, unit)
+        rates = [means[name] for name in means if name not in ("x", "y", "heading")]
+        of_speed = 0.0
+        if {"x", "y"} <= means.keys():
+            of_speed = share(means["x"] ** 2 + means["y"] ** 2, bases[1])
+        return of_speed + sum(share(values, bases[0]) for values in rates)
+
+    return unit * max(_LAGS, key=explained)
+
+
+class Turns(NamedTuple):
+    """Headings, and turns by another sensor, at N instants that are `_FINE_S` apart."""
+
+    t: FloatArray
+    """(N,) instants [s]."""
+    yaw: FloatArray
+    """(N,) headings [rad]."""
+    way: FloatArray
+    """(N,) turns by the other sensor, times a factor."""
+    sensor: str
+    """What tells these turns, `gyro_z` or `wheels`."""
+    period: float
+    """Median time between new headings [s]."""
+
+    def delays(self, part: slice, longest: float) -> tuple[FloatArray, FloatArray]:
+        """Return (K,) delays of headings up to `longest` [s], and the correlations at them [1]."""
+        wide = round(_STEP_S / _FINE_S)
+        yaw = self.yaw[part]
+        way = self.way[part]
+        a = way[wide:] - way[:-wide]
+        b = yaw[wide:] - yaw[:-wide]
+        most = min(round(longest / _FINE_S), len(a) // 2)
+        late = np.asarray(_FINE_S * np.arange(-most, most + 1))
+        return late, np.abs(correlations(a, b, most))
+
+    def averaged(self, seconds: float) -> Turns:
+        """Return them with the other sensor's turns averaged over so many seconds."""
+        samples = round(seconds / _FINE_S)
+        means = np.convolve(self.way, np.full(samples, 1.0 / samples), mode="valid")
+        start = (samples - 1) // 2
+        cut = slice(start, start + len(means))
+        return self._replace(t=self.t[cut], yaw=self.yaw[cut], way=means)
+
+
+def turns_of(headings: Way, turned: Way, sensor: str) -> Turns | None:
+    """Return headings and the turns by another sensor; None where both are known too shortly."""
+    stamps, yaw = headings
+    start = max(turned[0][0], stamps[0])
+    grid = np.arange(start, min(turned[0][-1], stamps[-1], start + _MOST), _FINE_S)
+    if len(grid) < 2 * FEWEST_WINDOWS:
+        return None
+    period = float(np.median(np.diff(stamps)))
+    return Turns(grid, np.interp(grid, stamps, yaw), np.interp(grid, *turned), sensor, period)

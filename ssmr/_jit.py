@@ -1,8 +1,9 @@
 """numba with a cache on disk that is never stale, with threads, and with functions it lacks.
 
 numba notices edits to the file of the compiled function alone, not to what that function calls from
-other files. Here the cache folder is named after a digest of all sources of this package, so that
-an edit compiles afresh. The compiled functions keep their Python source, see `source`.
+other files. Here the key of a compiled function holds its file's path and a digest of that file and
+of all that it imports from this project, so an edit compiles afresh what it touches, and clones of
+one version do not meet. The compiled functions keep their Python source, see `source`.
 
 numba unpickles what lies in its cache, and who can write there can run code as this user. So the
 cache is in the user's own cache folder. Where that cannot be written, every start compiles anew.
@@ -15,6 +16,7 @@ import hashlib
 import logging
 import math
 import os
+import re
 import shutil
 import stat
 import time
@@ -29,7 +31,6 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core import config as numba_config
 from numba.core.caching import FunctionCache
-from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 
 from ssmr.types import FloatArray
@@ -39,14 +40,18 @@ config: Any = numba_config
 them."""
 _njit: Any = numba.njit
 _item_pointer: Any = cgutils.get_item_pointer
-_normalized: Any = normalize_signature
 _code_on_disk: Any = FunctionCache
 
 _SHARES = 4
 """Shares of a thread: one that is done early takes another."""
-_CACHE_LIFETIME = 7 * 24 * 3600.0
-"""Time for which the cache of older sources is kept [s]."""
+_CACHE_LIFETIME = 30 * 24 * 3600.0
+"""Time for which code is kept that nobody loads [s]."""
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+_IMPORTED = re.compile(
+    r"""(?:^\s*from[ ]|import_module\(f")((?:ssmr|validation)\.[\w.]*\w)(?:[ ]import|\.\{)""",
+    re.MULTILINE | re.VERBOSE,
+)
+"""A module or a package that is imported from, also one whose modules are imported by name."""
 
 _PER_QUARTER = 0.6366197723675814  # 2 / pi
 _QUARTER = 0.5 * math.pi
@@ -68,33 +73,22 @@ _COSINE = (
     2.08757008419747316778e-9,
     -1.13585365213876817300e-11,
 )
-_PACKAGE = Path(__file__).resolve().parent
+_ROOT = Path(__file__).resolve().parents[1]
 _log = logging.getLogger(__name__)
 
 
 def _cache_folder() -> str:
     """Return the folder for compiled code, made if need be; "" where none can be trusted."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(_PACKAGE.rglob("*.py")):
-        digest.update(path.read_bytes())
     # XDG Base Directory Specification
     mine = f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/ssmr-testbed"
     why = "no folder for it can be written"
     try:
         root = Path(config.CACHE_DIR or mine).expanduser()
         root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        folder = root / f"numba-{digest.hexdigest()[:12]}"
-        # nothing is made or removed in a folder that is not to be trusted
-        trusted = _is_mine_alone(root) and not any(map(_can_be_swapped, root.resolve().parents))
-        if trusted and not folder.is_dir():
-            folder.mkdir(mode=0o700, exist_ok=True)
-            for old in root.glob("numba-*"):
-                if time.time() - old.lstat().st_mtime > _CACHE_LIFETIME:
-                    shutil.rmtree(old, ignore_errors=True)
-        if not (trusted and _is_mine_alone(folder)):
-            why = f"others can write to {root} or put another in its place, or it is theirs"
-        elif os.access(folder, os.W_OK):
-            return str(folder)
+        if not _is_mine_alone(root):
+            why = f"others can write to {root}, or it is theirs"
+        elif os.access(root, os.W_OK):
+            return str(root)
     except (OSError, RuntimeError):  # RuntimeError: this user has no home
         pass
     _log.warning("compiled code is not kept, so that every start compiles anew: %s", why)
@@ -112,10 +106,31 @@ def _is_mine_alone(folder: Path) -> bool:
     return status.st_uid == os.geteuid() and not status.st_mode & _WRITABLE_BY_OTHERS
 
 
-def _can_be_swapped(parent: Path) -> bool:
-    """Return whether everybody can rename what lies in a folder, which its sticky bit forbids."""
-    mode = parent.stat().st_mode
-    return bool(mode & stat.S_IWOTH) and not mode & stat.S_ISVTX
+@cache
+def _imports_of(path: Path) -> tuple[bytes, frozenset[Path]]:
+    """Return the content of a file of Python, and the files of this project that it imports."""
+    content = path.read_bytes()
+    found = set[Path]()
+    for name in _IMPORTED.findall(content.decode(errors="replace")):
+        place = _ROOT / name.replace(".", "/")
+        module = place.with_suffix(".py")
+        found |= {module} if module.is_file() else set(place.glob("*.py"))
+    return content, frozenset(found)
+
+
+@cache
+def _digest_of(path: Path) -> str:
+    """Return a digest of a file and of all that it imports from this project, and they in turn."""
+    found = {path}
+    waiting = [path]
+    while waiting:
+        new = _imports_of(waiting.pop())[1] - found
+        found |= new
+        waiting += new
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source_path in sorted(found):
+        digest.update(_imports_of(source_path)[0])
+    return digest.hexdigest()
 
 
 _FOLDER = _cache_folder()
@@ -151,8 +166,8 @@ class _Kept:
     """Compiled code of one function on disk, in a folder for each signature and processor.
 
     numba keeps all signatures of a function in one index, which two processes that write at once
-    can spoil: then a signature has the code of another one. Here each is alone in its index, and
-    what does not fit is compiled anew.
+    can spoil: then a signature has the code of another one. Here each is alone in its index. What
+    is not found stays where it is: it may be another version's.
     """
 
     cache_path = _FOLDER
@@ -160,31 +175,36 @@ class _Kept:
     def __init__(self, function: Callable[..., Any]) -> None:
         """Keep the code of a Python function."""
         self._function = function
-        self._name = f"{function.__module__}.{function.__qualname__}"
+        self._path = Path(function.__code__.co_filename)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the code for a signature; None where there is none, or none that can be used."""
         folder = self._folder(sig, target_context.codegen())
-        try:
-            code = self._in(folder).load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001 - unpickling a damaged file can raise anything
-            code = None
-        if code is not None and _described(code) == (self._name, _normalized(sig)[0]):
-            return code
-        shutil.rmtree(folder, ignore_errors=True)
-        if _saves:
+        code = None
+        if folder.is_dir():
+            try:
+                code = self._in(folder).load_overload(sig, target_context)
+            except Exception:  # noqa: BLE001 - unpickling a damaged file can raise anything
+                shutil.rmtree(folder, ignore_errors=True)
+            else:
+                with contextlib.suppress(OSError):
+                    os.utime(folder)  # for `_remove_unused`
+        if code is None and _saves:
             _say_that_it_happens_once()
-        return None
+        return code
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the code for a signature; where the disk is full it is compiled again next time."""
         if _saves:
+            _remove_unused()
             with contextlib.suppress(OSError):
                 self._in(self._folder(sig, data.codegen)).save_overload(sig, data)
 
     def _folder(self, signature: Any, codegen: Any) -> Path:
-        key = f"{self._name} {signature} {codegen.magic_tuple()}"
-        return Path(_FOLDER, hashlib.sha256(key.encode()).hexdigest()[:16])
+        digest = _digest_of(self._path)
+        name = self._function.__qualname__
+        key = f"{self._path} {digest} {name} {signature} {codegen.magic_tuple()}"
+        return Path(_FOLDER, f"numba-{hashlib.sha256(key.encode()).hexdigest()[:16]}")
 
     def _in(self, folder: Path) -> Any:
         before = config.CACHE_DIR
@@ -200,8 +220,14 @@ def _say_that_it_happens_once() -> None:
     _log.info("compiling for this processor: this takes seconds once, later starts are quick")
 
 
-def _described(code: Any) -> tuple[str, Any]:
-    return f"{code.fndesc.modname}.{code.fndesc.qualname}", code.signature.args
+@cache
+def _remove_unused() -> None:
+    """Remove the code that nobody has loaded for long."""
+    oldest = time.time() - _CACHE_LIFETIME
+    for folder in Path(_FOLDER).glob("numba-*"):
+        with contextlib.suppress(OSError):
+            if folder.stat().st_mtime < oldest:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def jit_alone(function: F) -> F:

@@ -196,7 +196,7 @@ _name_counts = Counter[str]()
 
 
 def numbers_of(kind: type) -> Any:
-    """Return the named tuple type that carries a dataclass's numbers into compiled functions.
+    """Return the named tuple type that carries declared numbers into compiled functions.
 
     It is kept as `kind.Numbers`, where the compiler's cache on disk finds it again; call this when
     the module is imported.
@@ -205,7 +205,7 @@ def numbers_of(kind: type) -> Any:
         # numba takes two named tuples of one name and the same fields for one type.
         _name_counts[kind.__name__] += 1
         name = f"{kind.__name__}{_name_counts[kind.__name__]}"
-        names = [f.name for f in fields(kind)]
+        names = list(described(kind))
         numbers = namedtuple(name, names, module=kind.__module__)  # type: ignore[misc]
         numbers.__qualname__ = f"{kind.__qualname__}.Numbers"
         kind.Numbers = numbers  # type: ignore[attr-defined]
@@ -213,6 +213,6 @@ def numbers_of(kind: type) -> Any:
 
 
 def packed(owner: Any) -> Any:
-    """Return a dataclass instance's numbers for compiled functions: `packed(vehicle).mass`."""
+    """Return a dataclass instance's declared numbers for compiled functions, by their names."""
     kind = numbers_of(type(owner))
     return kind._make([float(getattr(owner, name)) for name in kind._fields])

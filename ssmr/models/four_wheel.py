@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
-from ssmr._jit import jit, jit_alone, write_numbers
+from ssmr._jit import jit, jit_alone, named_like, write_numbers
 from ssmr.errors import ParameterError
 from ssmr.models.friction import (
     AlongAcross,
@@ -27,9 +27,15 @@ from ssmr.models.friction import (
     stop_at_zero_crossing,
     tyre_force,
 )
-from ssmr.parameters import check_parameters, parameter, require_in_range
+from ssmr.parameters import (
+    check_parameters,
+    numbers_of,
+    packed,
+    parameter,
+    require_in_range,
+)
 from ssmr.robot.drive import Motor, advance_integral, motor_numbers, saturate
-from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.robot.vehicle import Drive, Vehicle, WheeledBody
 from ssmr.types import FloatArray
 
 _GRAVITY = Vehicle().gravity  # [m/s2]
@@ -43,66 +49,25 @@ _Link = Literal["belt", "none"]
 
 
 @dataclass(frozen=True)
-class FourWheelParameters:
+class FourWheelParameters(WheeledBody):
     """The numbers of a robot on four tyres; what drives it is a `ssmr.Drive`, as for every plant.
 
     Those without a default are the robot's own: `validation.plants.four_wheel` takes them from its
-    file.
+    file. Centre of mass and moment of inertia are those of the whole robot, wheels and all.
     """
 
-    mass: float = parameter(unit="kg", low=0.1, high=1e5, search=(0.68, 1.64), of="mass")
-    """Total mass m [kg]."""
-    yaw_inertia: float = parameter(
-        unit="kg m2", low=0.0, high=1e6, open_low=True, search=(0.73, 1.2), of="yaw_inertia"
-    )
-    """Moment of inertia I of the whole robot about the vertical through its centre of mass [kg
-    m2]."""
     wheelbase: float = parameter(unit="m", low=0.01, high=20.0)
     """Distance of the axles [m]."""
-    half_track: float = parameter(unit="m", low=0.005, high=10.0)
-    """Half the distance between left and right wheels [m]."""
-    wheel_radius: float = parameter(
-        unit="m", low=0.005, high=5.0, search=(0.85, 1.09), of="wheel_radius"
-    )
-    """Effective rolling radius r [m]."""
-    com_x: float = parameter(
-        unit="m", low=-10.0, high=10.0, search=(-0.59, 0.59), of="half_wheelbase"
-    )
-    """Centre of mass of the whole robot ahead of the middle between the axles [m]."""
-    com_y: float = parameter(unit="m", low=-10.0, high=10.0, search=(-0.53, 0.53), of="half_track")
-    """Centre of mass of the whole robot to the left of that middle [m]."""
     com_height: float = parameter(
         unit="m", low=0.0, high=20.0, search=(0.5, 2.8), of="wheel_radius"
     )
     """Height of the centre of mass above the ground [m]."""
-    gain: float = parameter(
-        unit="N m s/rad",
-        low=0.0,
-        high=1e10,
-        open_low=True,
-        search=(0.25, 25.0),
-        scale="log",
-        of="gain",
-    )
-    """K_P of a side's velocity servo [N m s/rad]."""
-    armature: float = parameter(
-        unit="kg m2",
-        low=0.0,
-        high=1e7,
-        open_low=True,
-        search=(0.17, 6.7),
-        scale="log",
-        of="rotor_inertia",
-    )
-    """Rotor inertia of a wheel through the gearbox [kg m2]."""
     wheel_inertia: float = parameter(unit="kg m2", low=0.0, high=1e6)
     """Moment of inertia of a wheel about its axle [kg m2]; it loads the axles when it spins up, a
     rotor does not."""
     link: _Link = "belt"
     """Link between the wheels of a side: `belt`, they turn together; `none`, each has its own motor
     of half the strength."""
-    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.02, 1.2))
-    """Friction of tyre on ground, mu [1]."""
     stiffness_x: float = parameter(
         7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log"
     )
@@ -121,15 +86,8 @@ class FourWheelParameters:
     load_lag: float = parameter(0.15, unit="1", low=0.0, high=100.0)
     """Time constant with which wheel loads follow the forces of the ground, over sqrt(wheel radius
     / g) [1]."""
-    radius_difference: float = parameter(
-        0.0, unit="m", low=-0.5, high=0.5, search=(-0.073, 0.073), of="wheel_radius"
-    )
-    """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped
-    alike."""
     strength_difference: float = parameter(0.0, unit="1", low=-1.0, high=1.0, search=(-0.5, 0.5))
     """Torque of the left motor less that of the right, over their mean, at equal demand [1]."""
-    rolling_resistance: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.3))
-    """Rolling resistance over wheel load [1]."""
 
     def __post_init__(self) -> None:
         """Check the ranges, that every wheel carries load, and that no tyre is too stiff."""
@@ -153,42 +111,51 @@ class FourWheelParameters:
 class FourWheels(NamedTuple):
     """All numbers of a robot on four tyres for one physics step, for compiled functions."""
 
-    mass: float  # [kg]
-    yaw_inertia: float  # about the centre of mass [kg m2]
-    com_x: float  # centre of mass ahead of the middle between the axles [m]
-    com_y: float  # centre of mass to the left of it [m]
-    com_height: float  # [m]
-    half_base: float  # [m]
-    half_track: float  # [m]
-    radius_left: float  # [m]
-    radius_right: float  # [m]
-    strength_left: float  # torque of the left motors over their nominal one [1]
-    strength_right: float  # torque of the right motors over their nominal one [1]
-    gain: float  # of one wheel's share of its motor [N m s/rad]
-    limit: float  # likewise [N m]
-    braking: float  # likewise [N m s/rad]
-    integral_gain: float  # likewise [N m/rad]
-    leaked: float  # change of the integral part in an inner step, over the part itself [1]
-    # change of a wheel's integral part in an inner step, over the rate error [N m s/rad]
-    gained: float
-    gear_loss: float  # of one wheel [N m]
-    spin_inertia: float  # of wheel and rotor [kg m2]
-    wheel_inertia: float  # of the wheel alone [kg m2]
-    friction: float  # [1]
-    stiffness_x: float  # [1]
-    stiffness_y: float  # [1]
-    relaxation: float  # [m]
-    damping: float  # [s]
-    rolling_resistance: float  # [1]
-    following: float  # share of their way that the loads go in a step [1]
+    own: Any  # the packed `FourWheelParameters`
+    motor: Motor  # one wheel's share of its motor, for an inner step
+    tyre: Tyre  # one tyre; all four have the same
+    following: float  # share of their way that the loads go in an inner step [1]
     dt: float  # inner step [s]
     inner: int  # inner steps in a physics step
     linked: bool  # whether the wheels of a side turn together
     given: bool  # whether the wheels turn at their references, whatever torque that takes
 
 
-TEMPLATE = FourWheels(*(0.0,) * 28, inner=1, linked=True, given=False)
-"""Template for `ssmr._jit.named_like`."""
+_OWN = numbers_of(FourWheelParameters)
+_TEMPLATE = FourWheels(
+    own=_OWN(*(0.0,) * len(_OWN._fields)),
+    motor=Motor(*(0.0,) * 6),
+    tyre=Tyre(*(0.0,) * 5),
+    following=0.0,
+    dt=0.0,
+    inner=1,
+    linked=True,
+    given=False,
+)
+"""Template of the parts for `named_like`."""
+
+
+def row_of(robot: FourWheels) -> list[float]:
+    """Return the numbers of a robot in a row, as a population has them."""
+    return [*robot.own, *robot.motor, *robot.tyre, *robot[3:]]
+
+
+@jit
+def robot_of(row: FloatArray) -> FourWheels:
+    """Return the robot of a row of numbers, see `row_of`."""
+    motor = len(_TEMPLATE.own)
+    tyre = motor + len(_TEMPLATE.motor)
+    rest = tyre + len(_TEMPLATE.tyre)
+    return FourWheels(
+        own=named_like(_TEMPLATE.own, row),
+        motor=named_like(_TEMPLATE.motor, row[motor:]),
+        tyre=named_like(_TEMPLATE.tyre, row[tyre:]),
+        following=row[rest],
+        dt=row[rest + 1],
+        inner=int(row[rest + 2]),
+        linked=row[rest + 3] != 0.0,
+        given=row[rest + 4] != 0.0,
+    )
 
 
 def _stiffness(p: FourWheelParameters) -> float:
@@ -215,34 +182,24 @@ def four_wheels(
     unit = math.sqrt(p.wheel_radius / _GRAVITY)  # of time
     motor = motor_numbers(drive, step)
     lag = p.load_lag * unit
-    # Two motors drive four wheels, so a wheel has half of its motor.
     return FourWheels(
-        mass=p.mass,
-        yaw_inertia=p.yaw_inertia,
-        com_x=p.com_x,
-        com_y=p.com_y,
-        com_height=p.com_height,
-        half_base=0.5 * p.wheelbase,
-        half_track=p.half_track,
-        radius_left=p.wheel_radius + 0.5 * p.radius_difference,
-        radius_right=p.wheel_radius - 0.5 * p.radius_difference,
-        strength_left=1.0 + 0.5 * p.strength_difference,
-        strength_right=1.0 - 0.5 * p.strength_difference,
-        gain=0.5 * p.gain,
-        limit=0.5 * motor.limit,
-        braking=0.5 * motor.braking,
-        integral_gain=0.5 * motor.integral_gain,
-        leaked=motor.leaked,
-        gained=0.5 * motor.gained,
-        gear_loss=0.5 * motor.gear_loss,
-        spin_inertia=p.armature + p.wheel_inertia,
-        wheel_inertia=p.wheel_inertia,
-        friction=p.friction,
-        stiffness_x=p.stiffness_x,
-        stiffness_y=p.stiffness_y,
-        relaxation=p.relaxation * p.wheel_radius,
-        damping=p.tyre_damping * unit,
-        rolling_resistance=p.rolling_resistance,
+        own=packed(p),
+        # Two motors drive four wheels, so a wheel has half of its motor.
+        motor=Motor(
+            limit=0.5 * motor.limit,
+            braking=0.5 * motor.braking,
+            integral_gain=0.5 * motor.integral_gain,
+            leaked=motor.leaked,
+            gained=0.5 * motor.gained,
+            gear_loss=0.5 * motor.gear_loss,
+        ),
+        tyre=Tyre(
+            friction=p.friction,
+            along=p.stiffness_x,
+            across=p.stiffness_y,
+            relaxation=p.relaxation * p.wheel_radius,
+            damping=p.tyre_damping * unit,
+        ),
         following=1.0 if lag == 0.0 else -math.expm1(-step / lag),
         dt=step,
         inner=inner,
@@ -294,26 +251,26 @@ def body_of(row: FloatArray) -> Body:
 
 
 @jit
-def _tyre_of(robot: FourWheels) -> Tyre:
-    """Return the numbers of a tyre; all four have the same."""
-    return Tyre(
-        robot.friction, robot.stiffness_x, robot.stiffness_y, robot.relaxation, robot.damping
-    )
+def contact(i: int, robot: FourWheels) -> AlongAcross:
+    """Return where wheel i touches the ground, ahead and to the left of the centre of mass [m]."""
+    own = robot.own
+    x = 0.5 * own.wheelbase if i < 2 else -0.5 * own.wheelbase
+    y = own.half_track if i % 2 == 0 else -own.half_track
+    return AlongAcross(x - own.com_x, y - own.com_y)
 
 
 @jit
-def contact(i: int, robot: FourWheels) -> AlongAcross:
-    """Return where wheel i touches the ground, ahead and to the left of the centre of mass [m]."""
-    x = robot.half_base if i < 2 else -robot.half_base
-    y = robot.half_track if i % 2 == 0 else -robot.half_track
-    return AlongAcross(x - robot.com_x, y - robot.com_y)
+def _radius_of(i: int, robot: FourWheels) -> float:
+    """Return the effective rolling radius of wheel i [m]."""
+    more = 0.5 * robot.own.radius_difference
+    radius: float = robot.own.wheel_radius + (more if i % 2 == 0 else -more)
+    return radius
 
 
 @jit
 def _rim_speed(body: Body, i: int, robot: FourWheels) -> float:
     """Return the speed at which the rim of wheel i rolls [m/s]."""
-    radius = robot.radius_left if i % 2 == 0 else robot.radius_right
-    return body.spin[i] * radius  # type: ignore[no-any-return]  # numba knows what it returns
+    return body.spin[i] * _radius_of(i, robot)  # type: ignore[no-any-return]  # numba knows
 
 
 @jit
@@ -330,12 +287,13 @@ def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
 
     Wheel loads are those at rest, and tyres are bent as in steady rolling.
     """
-    tyre = _tyre_of(robot)
+    tyre = robot.tyre
+    own = robot.own
     w = start[5]
-    v = (start[3] - w * robot.com_y, start[4] + w * robot.com_x)
+    v = (start[3] - w * own.com_y, start[4] + w * own.com_x)
     write_numbers(body.motion, 0, 1, (start[0], start[1], start[2], v[0], v[1], w))
-    body.shift[0] = robot.com_x / robot.half_base
-    body.shift[1] = robot.com_y / robot.half_track
+    body.shift[0] = own.com_x / (0.5 * own.wheelbase)
+    body.shift[1] = own.com_y / own.half_track
     for i in range(4):
         body.spin[i] = start[6 + i % 2]
         rolling = _rim_speed(body, i, robot)
@@ -366,7 +324,7 @@ def spread_load(body: Body, robot: FourWheels) -> None:
         left = 1.0 if i % 2 == 0 else -1.0
         share = 1.0 + front * ahead + left * aside + front * left * lack
         # Only rounding makes a share negative.
-        body.load[i] = 0.25 * robot.mass * _GRAVITY * max(share, 0.0)
+        body.load[i] = 0.25 * robot.own.mass * _GRAVITY * max(share, 0.0)
 
 
 @jit
@@ -386,9 +344,10 @@ def _turn_wheel(
     torque, before `strength` [N m]; the ground brakes the wheel with the moment `pull` [N m]. `dry`
     friction [N m] holds a wheel that stands and stops one that would turn back (Eq. 2.29, 2.31).
     """
-    gain = strength * robot.gain
-    back = strength * robot.braking * rate
-    limit = strength * robot.limit
+    spin_inertia = robot.own.armature + robot.own.wheel_inertia
+    gain = strength * (0.5 * robot.own.gain)
+    back = strength * robot.motor.braking * rate
+    limit = strength * robot.motor.limit
     lasting = strength * integral
     driving = saturate(gain * (reference - rate) + lasting + back, limit) - back - pull
     if rate == 0.0 and abs(driving) <= dry:
@@ -396,11 +355,11 @@ def _turn_wheel(
     load = pull - improved_friction(driving, dry, dry, rate)
     # rate that an unlimited motor would end at
     free = reference + (lasting - load) / gain
-    faster = free + (rate - free) * math.exp(-gain * robot.dt / robot.spin_inertia)
-    torque = robot.spin_inertia * (faster - rate) / robot.dt + load
+    faster = free + (rate - free) * math.exp(-gain * robot.dt / spin_inertia)
+    torque = spin_inertia * (faster - rate) / robot.dt + load
     if abs(torque + back) > limit:
         torque = saturate(torque + back, limit) - back
-        faster = rate + robot.dt * (torque - load) / robot.spin_inertia
+        faster = rate + robot.dt * (torque - load) / spin_inertia
     if dry > 0.0:
         faster = stop_at_zero_crossing(faster, rate)
     return faster, torque
@@ -409,14 +368,14 @@ def _turn_wheel(
 @jit
 def _turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> float:
     """Advance all wheels under references [rad/s]; return their summed accelerations [rad/s2]."""
-    motor = Motor(
-        robot.limit, robot.braking, robot.integral_gain, robot.leaked, robot.gained, robot.gear_loss
-    )
+    own = robot.own
+    motor = robot.motor
+    stronger = 0.5 * own.strength_difference
     total = 0.0
     for i in range(4):
         on_left = i % 2 == 0
         reference = left if on_left else right
-        radius = robot.radius_left if on_left else robot.radius_right
+        radius = _radius_of(i, robot)
         pull = body.force_x[i]
         load = body.load[i]
         rate = body.spin[i]
@@ -434,11 +393,11 @@ def _turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> fl
                 integral=body.integral[i],
                 reference=reference,
                 pull=pull * radius,
-                dry=robot.gear_loss + robot.rolling_resistance * load * radius,
-                strength=robot.strength_left if on_left else robot.strength_right,
+                dry=motor.gear_loss + own.rolling_resistance * load * radius,
+                strength=1.0 + (stronger if on_left else -stronger),
                 robot=robot,
             )
-            if robot.integral_gain > 0.0:
+            if motor.integral_gain > 0.0:
                 error = reference - 0.5 * (rate + faster)
                 body.integral[i] = advance_integral(body.integral[i], error, motor)
         total += (faster - rate) / robot.dt
@@ -457,7 +416,8 @@ def _advance_body(
     start of the step, and their forces then change the velocities (symplectic Euler).
     """
     motion = body.motion
-    tyre = _tyre_of(robot)
+    own = robot.own
+    tyre = robot.tyre
     dt = robot.dt
     spread_load(body, robot)
     force_x = 0.0
@@ -479,11 +439,11 @@ def _advance_body(
         moment = moment + lever.x * force.y - lever.y * force.x
     spun_up = _turn_wheels(body, left, right, robot)
     w = motion[5]
-    body.turn[0] = moment / robot.yaw_inertia + disturbance
+    body.turn[0] = moment / own.yaw_inertia + disturbance
     w_next = w + dt * body.turn[0]
     turned = 0.5 * dt * (w + w_next)
-    pushed_u = motion[3] + dt * force_x / robot.mass
-    pushed_v = motion[4] + dt * force_y / robot.mass
+    pushed_u = motion[3] + dt * force_x / own.mass
+    pushed_v = motion[4] + dt * force_y / own.mass
     cos = math.cos(turned)
     sin = math.sin(turned)
     # The body turns under its velocity.
@@ -491,8 +451,8 @@ def _advance_body(
     v = cos * pushed_v - sin * pushed_u
     # mean velocity of the middle between the axles
     mean_w = 0.5 * (w + w_next)
-    ahead = 0.5 * (motion[3] + u) + mean_w * robot.com_y
-    aside = 0.5 * (motion[4] + v) - mean_w * robot.com_x
+    ahead = 0.5 * (motion[3] + u) + mean_w * own.com_y
+    aside = 0.5 * (motion[4] + v) - mean_w * own.com_x
     cos = math.cos(motion[2] + 0.5 * turned)
     sin = math.sin(motion[2] + 0.5 * turned)
     motion[0] += dt * (ahead * cos - aside * sin)
@@ -512,12 +472,13 @@ def _shift_load(
     Over the inertia of a wheel, the moment about the axles is `spun_up` [rad/s2], and that about
     the robot's length `gyroscopic`, the wheels' rates times the yaw rate [rad2/s2].
     """
-    inertia = robot.wheel_inertia
-    weight = robot.mass * _GRAVITY
-    about_y = weight * robot.com_x - robot.com_height * force.x - inertia * spun_up
-    about_x = weight * robot.com_y - robot.com_height * force.y - inertia * gyroscopic
-    ahead = about_y / (weight * robot.half_base)
-    aside = about_x / (weight * robot.half_track)
+    own = robot.own
+    inertia = own.wheel_inertia
+    weight = own.mass * _GRAVITY
+    about_y = weight * own.com_x - own.com_height * force.x - inertia * spun_up
+    about_x = weight * own.com_y - own.com_height * force.y - inertia * gyroscopic
+    ahead = about_y / (weight * (0.5 * own.wheelbase))
+    aside = about_x / (weight * own.half_track)
     body.shift[0] += robot.following * (ahead - body.shift[0])
     body.shift[1] += robot.following * (aside - body.shift[1])
 
@@ -532,11 +493,12 @@ forces along and across the four wheels."""
 def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
     """Write the state into a row of `SAMPLE_COLUMNS`, but for the yaw acceleration's range."""
     motion = body.motion
+    own = robot.own
     w = body.motion[5]
     spin = body.spin
     torque = body.torque
     write_numbers(row, 0, 1, (motion[0], motion[1], motion[2]))
-    write_numbers(row, 3, 1, (motion[3] + w * robot.com_y, motion[4] - w * robot.com_x, w))
+    write_numbers(row, 3, 1, (motion[3] + w * own.com_y, motion[4] - w * own.com_x, w))
     write_numbers(row, 6, 1, (0.5 * (spin[0] + spin[2]), 0.5 * (spin[1] + spin[3])))
     write_numbers(row, 8, 1, (torque[0] + torque[2], torque[1] + torque[3], body.turn[0]))
     for i in range(4):

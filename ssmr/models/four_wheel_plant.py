@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit_alone, named_like
+from ssmr._jit import jit_alone
 from ssmr.errors import DivergedError
 from ssmr.models.four_wheel import (
     SAMPLE_COLUMNS,
     STATE_NUMBERS,
-    TEMPLATE,
     FourWheelParameters,
     FourWheels,
     body_of,
     four_wheels,
     place,
+    robot_of,
+    row_of,
     run_wheels,
     write_sample,
 )
@@ -128,7 +129,7 @@ def _advance_all(
     short for threads to be worth their start.
     """
     for i in range(len(robots)):
-        robot = named_like(TEMPLATE, robots[i])
+        robot = robot_of(robots[i])
         failed[i] = run_wheels(
             references[i], pushes[i], len(references[i]), robot, body_of(rows[i]), now[i]
         )
@@ -140,7 +141,7 @@ class FourWheelBodies:
     def __init__(self, plants: Sequence[FourWheelPlant], state: State) -> None:
         """Put robots that move as `plants` do into `state`."""
         robots = [plant.robot for plant in plants]
-        self._robots = np.array(robots, dtype=np.float64)
+        self._robots = np.array([row_of(robot) for robot in robots], dtype=np.float64)
         self._rows = np.array([_placed(state, r) for r in robots])
         self._failed = np.full(len(robots), -1)
         self._now = np.zeros((len(robots), 2, SAMPLE_COLUMNS))

@@ -129,6 +129,64 @@ def vehicle_body(v: Any) -> Any:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class WheeledBody:
+    """The numbers of a body on four wheels that a fit may move, in whatever it is simulated.
+
+    Which mass the centre and the inertia belong to, a simulation says.
+    """
+
+    mass: float = parameter(unit="kg", low=0.1, high=1e5, search=(0.68, 1.64), of="mass")
+    """Total mass m [kg]."""
+    yaw_inertia: float = parameter(
+        unit="kg m2", low=0.0, high=1e6, open_low=True, search=(0.73, 1.2), of="yaw_inertia"
+    )
+    """Moment of inertia I of the whole robot about a vertical [kg m2]."""
+    half_track: float = parameter(unit="m", low=0.005, high=10.0)
+    """Half the distance between left and right wheels [m]."""
+    wheel_radius: float = parameter(
+        unit="m", low=0.005, high=5.0, search=(0.85, 1.09), of="wheel_radius"
+    )
+    """Effective rolling radius r [m]."""
+    com_x: float = parameter(
+        unit="m", low=-10.0, high=10.0, search=(-0.59, 0.59), of="half_wheelbase"
+    )
+    """Centre of mass ahead of the middle between the axles [m]."""
+    com_y: float = parameter(unit="m", low=-10.0, high=10.0, search=(-0.53, 0.53), of="half_track")
+    """Centre of mass to the left of that middle [m]."""
+    gain: float = parameter(
+        unit="N m s/rad",
+        low=0.0,
+        high=1e10,
+        open_low=True,
+        search=(0.25, 25.0),
+        scale="log",
+        of="gain",
+    )
+    """K_P of a side's velocity servo [N m s/rad]."""
+    armature: float = parameter(
+        unit="kg m2",
+        low=0.0,
+        high=1e7,
+        open_low=True,
+        search=(0.17, 6.7),
+        scale="log",
+        of="rotor_inertia",
+    )
+    """Rotor inertia of a wheel through the gearbox [kg m2]. Light wheels behind a stiff servo make
+    the answer depend on the time step; heavy ones add armature / wheel_radius^2 of apparent mass
+    each."""
+    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.02, 1.2))
+    """Friction of tyre on ground, mu [1]."""
+    radius_difference: float = parameter(
+        0.0, unit="m", low=-0.5, high=0.5, search=(-0.073, 0.073), of="wheel_radius"
+    )
+    """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped
+    alike."""
+    rolling_resistance: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.3))
+    """Rolling resistance over wheel load [1]."""
+
+
 @dataclass(frozen=True)
 class Drive:
     """The part of the robot between a command and the wheel torques (Fig. 3.10, 3.11)."""

@@ -10,64 +10,31 @@ import numpy as np
 from ssmr.errors import ParameterError
 from ssmr.parameters import check_parameters, parameter, require_in_range
 from ssmr.robot.ground import FRONT, LEFT
+from ssmr.robot.vehicle import WheeledBody
 from ssmr.types import FloatArray
 from validation.simulator.description import GRAVITY, WHEELS, Robot, Vector3, WheelShape
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(WheeledBody):
     """The numbers of a MuJoCo robot that a fit may move.
 
     Its motors are a `ssmr.Drive`, as for every plant. `Calibration.of(robot)` has the numbers of
-    the robot's file.
+    the robot's file. Centre of mass is that of the base without wheels; moment of inertia is that
+    of the whole robot about the middle, the centre of mass being there.
+
+    In the model, mass becomes body_mass of the base, less the wheels; yaw_inertia body_inertia;
+    half_track body_pos of the wheels; wheel_radius and radius_difference geom_size, larger by half
+    of what the contact lets the tyre in; com_x, com_y and com_z body_ipos; gain
+    actuator_gainprm; armature dof_armature; friction geom_friction[0], with anisotropic wheels the
+    longitudinal one; and rolling_resistance tendon_frictionloss of a side, coefficient x half the
+    weight x radius.
     """
 
     robot: Robot
     """The robot that is calibrated."""
-    mass: float = parameter(unit="kg", low=0.1, high=1e5, search=(0.68, 1.64), of="mass")
-    """Total mass [kg] -> body_mass of the base, less the wheels."""
-    yaw_inertia: float = parameter(
-        unit="kg m2", low=0.0, high=1e6, open_low=True, search=(0.73, 1.2), of="yaw_inertia"
-    )
-    """Moment of inertia of the whole robot about the vertical through the middle [kg m2], the
-    centre of mass being there -> body_inertia."""
-    half_track: float = parameter(unit="m", low=0.005, high=10.0)
-    """Half the distance between left and right wheels [m] -> body_pos of the wheels."""
-    wheel_radius: float = parameter(
-        unit="m", low=0.0, high=5.0, open_low=True, search=(0.85, 1.09), of="wheel_radius"
-    )
-    """Effective rolling radius [m] -> geom_size, larger by half of what the contact lets the tyre
-    in."""
-    com_x: float = parameter(
-        unit="m", low=-10.0, high=10.0, search=(-0.59, 0.59), of="half_wheelbase"
-    )
-    """Centre of mass of the base ahead of the middle between the axles [m] -> body_ipos."""
-    com_y: float = parameter(unit="m", low=-10.0, high=10.0, search=(-0.53, 0.53), of="half_track")
-    """Centre of mass of the base to the left of the middle [m] -> body_ipos."""
     com_z: float = parameter(unit="m", low=-10.0, high=10.0, search=(0.0, 1.82), of="wheel_radius")
-    """Centre of mass of the base above its frame's origin [m] -> body_ipos."""
-    gain: float = parameter(
-        unit="N m s/rad",
-        low=0.0,
-        high=1e10,
-        open_low=True,
-        search=(0.25, 25.0),
-        scale="log",
-        of="gain",
-    )
-    """K_P of a side's velocity servo [N m s/rad] -> actuator_gainprm."""
-    armature: float = parameter(
-        unit="kg m2",
-        low=0.0,
-        high=1e7,
-        open_low=True,
-        search=(0.17, 6.7),
-        scale="log",
-        of="rotor_inertia",
-    )
-    """Rotor inertia of a wheel through the gearbox [kg m2] -> dof_armature. Light wheels behind a
-    stiff servo make the answer depend on the time step; heavy ones add armature / wheel_radius^2 of
-    apparent mass each."""
+    """Centre of mass of the base above its frame's origin [m]."""
     capsule_half_width: float = parameter(unit="m", low=1e-5, high=1.0)
     """Half the distance between the two contact points of a capsule wheel [m] -> geom_size[1];
     assumed. It is small, so that the contact stays nearly one point; where friction along the wheel
@@ -78,21 +45,10 @@ class Calibration:
     wheel_shape: WheelShape = "ellipsoid"
     """Contact shape of the tyres: `ellipsoid` (one point), `cylinder` (a line) or `capsule` (two
     points)."""
-    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.02, 1.2))
-    """Sliding friction of tyre on ground [1] -> geom_friction[0]; with anisotropic wheels the
-    longitudinal one."""
     friction_ratio: float = parameter(1.0, unit="1", low=0.0, high=10.0, open_low=True)
     """Lateral over longitudinal friction [1] -> pair_friction; other than 1 only with capsule
     wheels, whose contact frame turns with the robot (for other shapes MuJoCo lays the tangents
     along the world's axes)."""
-    radius_difference: float = parameter(
-        0.0, unit="m", low=-0.5, high=0.5, search=(-0.073, 0.073), of="wheel_radius"
-    )
-    """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped
-    equally -> geom_size."""
-    rolling_resistance: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.3))
-    """Rolling resistance over wheel load [1] -> tendon_frictionloss of a side, coefficient x half
-    the weight x radius."""
 
     def __post_init__(self) -> None:
         """Check ranges, room for the tyres, and whether the wheel shape can have the friction."""

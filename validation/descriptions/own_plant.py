@@ -17,6 +17,7 @@ from ssmr.robot.drive import Driver, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.descriptions.own_robot import OwnRobot
+from validation.simulator.motors import rates_on_steps
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -133,11 +134,13 @@ class OwnPlant:
             DivergedError: the simulator gave up.
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
-        rates = wheel_references(commands, self.drive, self.dt, state)
-        robot = self._given if commands.kind == "wheels" else self._robot
-        # one step more, which tells the end of the last one
-        rates = self._numbers.rolling * np.vstack([rates, rates[-1:]])
         push = None if disturbance is None else np.append(disturbance, 0.0)
+        if commands.kind == "wheels":
+            robot = self._given
+            rates = self._all_rates(commands, state, push)
+        else:
+            robot = self._robot
+            rates = self._one_step_more(wheel_references(commands, self.drive, self.dt, state))
         motion, _ = robot.follow(rates, self._placed(robot, state), stride=stride, push=push)
         return replace(
             motion,
@@ -146,6 +149,29 @@ class OwnPlant:
             wheels=motion.wheels / self._numbers.rolling,
             channels={"wheel_load_N": motion.channels["wheel_load_N"]},
         )
+
+    def _one_step_more(self, rates: FloatArray) -> FloatArray:
+        """Return the (n, 2) rates as this robot's wheels need them, and once more the last ones.
+
+        The step more tells the end of the last one.
+        """
+        return self._numbers.rolling * np.vstack([rates, rates[-1:]])
+
+    def _all_rates(self, commands: Commands, state: State, push: FloatArray | None) -> FloatArray:
+        """Return the (n + 1, 4) rates of all wheels, of which the mean of each side is given.
+
+        By how much front and rear differ is what the robot's own servos make of it.
+        """
+        steps = commands.n * whole_steps(commands.dt, self.dt, "the command period")
+        sides = self._one_step_more(rates_on_steps(commands, self.dt, np.arange(steps)))
+        robot = self._robot
+        if robot.given_rates:
+            return np.tile(sides, 2)
+        motion, _ = robot.follow(sides, self._placed(robot, state), push=push)
+        before = motion.channels["wheel_rad_s"]
+        after = np.vstack([before[1:], before[-1:]])
+        apart = 0.5 * (after[:, :2] - after[:, 2:])
+        return np.hstack([sides + apart, sides - apart])
 
     def reset(self, state: State) -> State:
         """Start from `state`, at rest on its tyres, with empty delay lines and no memory."""

@@ -14,8 +14,8 @@ from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.types import FloatArray, Trajectory
 from validation.descriptions.wheels import WheeledRobot
 from validation.simulator import foreign
+from validation.simulator.motors import GIVEN_SHARE, GIVEN_STEPS, lead_rates
 from validation.simulator.parts import mujoco_failures, rolled_out
-from validation.simulator.plant import PRESCRIBED_LAG, PRESCRIBED_SHARE
 
 _SETTLE_TIME = 1.0
 """Time in which the robot comes to rest before it is driven [s]."""
@@ -80,7 +80,7 @@ class OwnRobot:
             raise ValueError("its gravity is 0, so no wheel touches the ground")
         self.dofs = [int(self.model.joint(name).dofadr[0]) for name in self.names]
         self.signs = wheeled.signs
-        self._gains = self._inputs(self.model)
+        self._gains = self._moments(self.model) if self.given_rates else self._inputs(self.model)
         self.driven = self._gains.any(axis=0)
         self._start = self._placed()
         self.rest: FloatArray = self._start
@@ -134,20 +134,58 @@ class OwnRobot:
                 sensor.intprm = _NET_FORCE
 
     def _give_rates(self, spec: Any) -> None:
-        """Let heavy rotors turn the wheels; these do not push the body."""
+        """Let heavy rotors turn the wheels; these do not push the body.
+
+        The solver of contacts foresees where a step takes the wheels, but knows nothing of damping
+        that the integrator makes implicit: it sees wheels of stiff servos that are ahead, and so
+        the body is. Rotors are damped so that it sees them as far ahead as the robot's own wheels.
+        """
         model = self.wheeled.model
-        moving = np.flatnonzero(self._moments(model).any(axis=1))
-        for a in reversed(moving.tolist()):
-            spec.delete(spec.actuators[a])
+        turning = 1e-3 * self.wheeled.signs
+        foreseen, happened = self._change_in_air(model, turning, np.zeros(model.nu))
+        ahead = np.ones(len(turning))
+        np.divide(foreseen, happened, out=ahead, where=happened != 0.0)
+        steps = 1.0 / np.maximum(ahead - 1.0, 1.0 / GIVEN_STEPS)
+        for actuator in reversed(np.flatnonzero(self._moments(model).any(axis=1)).tolist()):
+            spec.delete(spec.actuators[actuator])
         mass = float(model.body_subtreemass[self.wheeled.root])
-        for name, drum in zip(self.names, self.tyres, strict=True):
+        for name, drum, lag in zip(self.names, self.tyres, steps.tolist(), strict=True):
             radius = 0.1 if drum is None else drum.radius
             joint = spec.joint(name)
-            joint.armature = armature = PRESCRIBED_SHARE * mass * radius**2
+            joint.armature = armature = GIVEN_SHARE * mass * radius**2
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-            servo = spec.add_actuator(name=f"ssmr_{name}", target=name)
-            servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
-            servo.set_to_velocity(kv=armature / ((PRESCRIBED_LAG + 1.0) * model.opt.timestep))
+            damping = armature / (lag * model.opt.timestep)
+            joint.damping = [damping, 0.0, 0.0]
+            rotor = spec.add_actuator(name=f"ssmr_{name}", target=name)
+            rotor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+            rotor.set_to_motor()
+            rotor.gainprm[0] = damping
+            # what the file says of all actuators is not meant for this one
+            rotor.ctrllimited = rotor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+            rotor.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+    def _change_in_air(
+        self, model: mujoco.MjModel, turning: FloatArray, control: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return how the wheels' rates change in a step without ground and gravity [rad/s].
+
+        That is as the solver of contacts foresees it, (4,), and as it happens.
+        """
+        free = mujoco.MjModel.__copy__(model)
+        free.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        free.opt.gravity = 0.0
+        dofs = [int(model.joint(name).dofadr[0]) for name in self.names]
+        data = mujoco.MjData(free)
+        data.qvel[dofs] = turning
+        data.ctrl = control
+        mujoco.mj_step(free, data)
+        return model.opt.timestep * data.qacc[dofs], data.qvel[dofs] - turning
+
+    def _lead_of_rates(self, model: mujoco.MjModel) -> FloatArray:
+        """Return the (4,) leads of given rates, in changes of a step of the model."""
+        still = np.zeros(len(self.dofs))
+        _, share = self._change_in_air(model, still, self._gains @ np.ones(len(self.dofs)))
+        return np.asarray(1.0 / share - 1.0)
 
     def _moments(self, model: mujoco.MjModel) -> FloatArray:
         """Return the (nu, 4) rate of each actuator over the rate of each wheel [1]."""
@@ -264,7 +302,7 @@ class OwnRobot:
         """Drive with wheel rates of each step.
 
         Args:
-            rates: (n, 2) rates of the left and the right wheels [rad/s].
+            rates: (n, 2) rates of the left and the right wheels, or (n, 4) of all [rad/s].
             start: state of the simulator.
             model: the model with other settings, of the same structure; its own if not given.
             stride: steps from one sample to the next; the first step is one.
@@ -280,7 +318,11 @@ class OwnRobot:
         """
         model = model or self.model
         dt = float(model.opt.timestep)
-        control = (np.tile(rates, 2) * self.signs) @ self._gains.T
+        told = np.tile(rates, 4 // rates.shape[1]) * self.signs
+        if self.given_rates:
+            turning = start[1 + model.nq + np.array(self.dofs)]
+            told = lead_rates(told, turning, self._lead_of_rates(model))
+        control = told @ self._gains.T
         limited = model.actuator_ctrllimited.astype(bool)
         low = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
         high = np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)

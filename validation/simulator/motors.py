@@ -27,7 +27,7 @@ import numpy as np
 
 from ssmr.robot.drive import motor_numbers
 from ssmr.robot.vehicle import Drive
-from ssmr.types import FloatArray
+from ssmr.types import Commands, FloatArray, IndexArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SIDES, Robot
 from validation.simulator.parts import robot_parts
@@ -47,6 +47,15 @@ integral part [1]."""
 _STIFFEST = 0.9999
 """Greatest impedance that MuJoCo takes [1]."""
 _TENDON = mujoco.mjtTrn.mjTRN_TENDON
+GIVEN_SHARE = 1000.0
+"""Armature of wheels whose rates are given, over mass times wheel radius squared [1]: so heavy that
+the ground cannot change them (MuJoCo does not pass an armature's reaction on to the body)."""
+GIVEN_STEPS = 51.0
+"""Time constant of the feedback on given wheel rates, in time steps.
+
+It only makes up for the ground, which moves so heavy wheels by less than 0.2 mm/s, for the
+references lead. It is slow because MuJoCo's contacts know nothing of implicit damping: they see
+wheels that are ahead by up to one over this number of every change."""
 
 
 def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
@@ -67,6 +76,31 @@ def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
 def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
     """Return the (..., nu) inputs of all actuators for (..., 2) rates of the sides [rad/s]."""
     return np.concatenate([references] * (model.nu // len(SIDES)), axis=-1)
+
+
+def rates_on_steps(commands: Commands, dt: float, steps: IndexArray) -> FloatArray:
+    """Return the (n, 2) given wheel rates [rad/s] in the middle of physics steps of `dt` [s].
+
+    A commanded rate is that of the middle of its period, and linear between.
+    """
+    middles = (np.arange(commands.n) + 0.5) * commands.dt
+    at = (steps + 0.5) * dt
+    return np.column_stack([np.interp(at, middles, side) for side in commands.values.T])
+
+
+def lead_rates(rates: FloatArray, before: FloatArray, lead: float | FloatArray) -> FloatArray:
+    """Return the references that give heavy wheels the (n, k) rates of steps without a lag.
+
+    After a step wheels have the mean rate of the step. A feedback that takes wheels by the share s
+    of what is wanted in a step reaches a rate that leads by 1 / s - 1 changes: s is h / T with the
+    time constant T and the step h, where the integrator is Euler's.
+
+    Args:
+        rates: rates of the steps [rad/s].
+        before: (k,) rates before the first step [rad/s].
+        lead: the lead of all or of each of the (k,) wheels, in changes of a step [1].
+    """
+    return rates + lead * np.diff(rates, axis=0, prepend=before[None])
 
 
 def set_motors(

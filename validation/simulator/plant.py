@@ -28,21 +28,18 @@ from validation.simulator.bodies import MujocoBodies
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.model import FREE_DRIVE, contact_settings, robot_model
-from validation.simulator.motors import controls
+from validation.simulator.motors import (
+    GIVEN_SHARE,
+    GIVEN_STEPS,
+    controls,
+    lead_rates,
+    rates_on_steps,
+)
 from validation.simulator.parts import Parts, mujoco_failures, robot_parts, rolled_out
 from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stopwatch
 from validation.simulator.resting import level_rest, solved_exactly
 from validation.simulator.terrain import FLAT, Terrain
 
-PRESCRIBED_SHARE = 1000.0
-"""Armature of wheels whose rates are given, over mass times wheel radius squared [1]: so heavy that
-the ground cannot change them (MuJoCo does not pass an armature's reaction on to the body)."""
-PRESCRIBED_LAG = 50.0
-"""Time constant of the feedback on given wheel rates, in time steps.
-
-It only makes up for the ground, which moves so heavy wheels by less than 0.2 mm/s, for the
-references lead. It is slow because MuJoCo's contacts know nothing of implicit damping: they see
-wheels that are ahead by up to one over this number of every change."""
 _SETTLE_CONSTANTS = 50.0
 """Time for which the robot stands before its resting height is taken, in time constants of the
 contact; 1 s for a Husky."""
@@ -122,9 +119,8 @@ class MujocoPlant(BodyPlant):
     def _prescribed(self) -> mujoco.MjModel:
         """Return the robot's model with wheels that turn at given rates, whatever the torque."""
         robot = self.calibration.robot
-        armature = PRESCRIBED_SHARE * robot.mass * robot.wheel_radius**2
-        # the time constant of the motors is a step longer than the lead of their references
-        gain = 2.0 * armature / ((PRESCRIBED_LAG + 1.0) * self.dt)
+        armature = GIVEN_SHARE * robot.mass * robot.wheel_radius**2
+        gain = 2.0 * armature / (GIVEN_STEPS * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
         return robot_model(heavy, self.terrain, self.settings, FREE_DRIVE)
 
@@ -260,20 +256,13 @@ class MujocoPlant(BodyPlant):
             first = end
 
     def _leading_references(self, commands: Commands, state: State) -> Iterator[FloatArray]:
-        """Yield the references, chunk by chunk, that give wheels the commanded rates without a lag.
-
-        A rate is that of the middle of its period, and linear between. After a step wheels have the
-        mean rate of the step. A motor with the time constant T changes a rate w in a step h by
-        h (wanted - w) / T, so a rate that is reached in the step leads by T / h - 1 changes.
-        """
+        """Yield the references, chunk by chunk, that give wheels the commanded rates."""
         steps = self._steps_of(commands)
-        middles = (np.arange(commands.n) + 0.5) * commands.dt
         last = np.array([state.wheel_left, state.wheel_right])
         for first in range(0, steps, CHUNK):
             step = np.arange(first, min(first + CHUNK, steps))
-            at = (step + 0.5) * self.dt
-            rates = np.column_stack([np.interp(at, middles, side) for side in commands.values.T])
-            yield rates + PRESCRIBED_LAG * np.diff(rates, axis=0, prepend=last[None])
+            rates = rates_on_steps(commands, self.dt, step)
+            yield lead_rates(rates, last, GIVEN_STEPS - 1.0)
             last = rates[-1]
 
     def _sampled(

@@ -83,9 +83,12 @@ def navigation(index: str, pages: set[str]) -> str:
 def prepare(app: Sphinx, name: str, source: list[str]) -> None:
     """Let links to README, which is no page of the site, lead to its first page.
 
-    Give the index its navigation.
+    Give the index its navigation, and the page on security its text, which lies beside README.
     """
     source[0] = source[0].replace("](../README.md", "](index.md")
+    if name == "reliability":
+        page = Path(app.srcdir).with_name("SECURITY.md")
+        source[0] = page.read_text(encoding="utf-8").replace("](docs/", "](")
     if name == "index":
         source[0] += navigation(source[0], {path.stem for path in Path(app.srcdir).glob("*.md")})
 

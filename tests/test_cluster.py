@@ -1,7 +1,8 @@
-"""Workers of a dask scheduler: equal to the bit, others refused, and a line for all that breaks."""
+"""Workers of a dask scheduler: equal to the bit, others named, and a line for all that breaks."""
 
 from __future__ import annotations
 
+import re
 import sys
 import threading
 from collections.abc import Iterator
@@ -121,19 +122,26 @@ def test_a_model_of_the_users_own_travels_by_its_file(
     assert np.abs(here - there).max() == EXACT
 
 
-def test_other_versions_and_processors_are_refused(
-    cluster: Any, monkeypatch: pytest.MonkeyPatch
+def test_other_versions_and_processors_are_named_once(
+    cluster: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    ours = workers._identity()
+    """A mixed cluster works; so does a worker that comes later."""
+    ours = workers._versions_here()
 
-    def identity() -> dict[str, str]:
+    def versions_here() -> dict[str, str]:
         if threading.current_thread() is threading.main_thread():
             return {**ours, "processor": "abacus"}
         return dict(ours)
 
-    monkeypatch.setattr(workers, "_identity", identity)
-    with pytest.raises(ValueError, match=r"the worker tcp.* has processor .*, this machine has ab"):
-        fit("linear", "traj2@mujoco", workers=cluster.scheduler_address, **SHORT)
+    monkeypatch.setattr(workers, "_versions_here", versions_here)
+    calls = [(k,) for k in range(3)]
+    for count in (2, 2, 3):
+        cluster.scale(count)
+        cluster.wait_for_workers(count)
+        results = dict(workers.completed(cluster.scheduler_address, abs, calls))
+        assert results == {0: 0, 1: 1, 2: 2}
+        named = re.findall(r"the worker (\S+) has processor .*, not abacus:", caplog.text)
+        assert len(named) == len(set(named)) == count
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> Non
     [
         (
             1e9,
-            "too many samples of 6 columns, for the limit samples is 1e.07; ask for a lower rate",
+            "too many samples, for the limit samples is 1e.07; ask for a lower rate",
         ),
         (1e-3, "do not overlap"),
     ],

@@ -61,21 +61,11 @@ def test_sizes_are_limited_before_anything_is_held(tmp_path: Path) -> None:
         file.truncate(10**12)  # a hole, which takes no space
     with pytest.raises(FileError, match=r"more than the 500 MB allowed \(limit table_size\)"):
         read_csv(huge)
-    wide = tmp_path / "wide.csv"
-    wide.write_text("t," + ",".join(f"x{k}" for k in range(20_000)) + "\n")
-    with pytest.raises(
-        FileError, match=r"line 1: there are 20001 columns, but the limit columns is 1000"
-    ):
-        read_csv(wide)
     path = drive(tmp_path, np.arange(100.0))
-    for limits, line in (({"samples": 50}, 52), ({"cells": 150}, 77)):
-        with pytest.raises(
-            FileError,
-            match=f"line {line}: there are too many rows: the limit {next(iter(limits))} is",
-        ):
-            read_csv(path, ReadOptions(limits=USUAL.changed(limits)))
+    with pytest.raises(FileError, match="line 52: there are too many rows: the limit samples is"):
+        read_csv(path, ReadOptions(limits=USUAL.changed({"samples": 50})))
     bag = write(tmp_path, "mcap", poses_at())
-    with pytest.raises(FileError, match=r"too many messages or topics: the limit samples is 7"):
+    with pytest.raises(FileError, match=r"too many messages: the limit samples is 7"):
         read_log(bag, ReadOptions(limits=USUAL.changed({"samples": 7})))
 
 

@@ -71,9 +71,7 @@ def test_a_file_that_does_not_tell_its_size_is_not_read_without_end() -> None:
 TOO_DEEP = {
     "tables": "a = " + "{b = " * 3000 + "1" + "}" * 3000,
     "lists": "a = " + "[" * 3000 + "]" * 3000,
-    "tables that the parser takes": "a = " + "{b = " * 40 + "1" + "}" * 40,
-    "dots": ".".join("a" * 400) + " = 1",
-    "a header": "[" + ".".join("a" * 300) + "]",
+    "dots": ".".join("a" * 4000) + " = 1",
 }
 
 

@@ -129,7 +129,7 @@ FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
     "loads": (
         {"mass": {"com": [0.6, 0.0, 0.1]}},
         "wheel carries nothing",
-        "must be less than 1, not 1.03",
+        "must add up to less than 1, not 1.03",
     ),
     "torque": (
         {"drive": {"torque_limit": 80.0}},

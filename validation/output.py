@@ -7,7 +7,7 @@ Python has for it, such as `\x1b` or `\u202e`, and a byte of a file name that is
 
 - terminal and HTML (whose template escapes its marks besides): `one_line`, and `each_line` for
   several lines;
-- markdown: `markdown` for prose, `markdown_cell` for tables, `code_span` for names;
+- markdown: `markdown` for prose, `code_span` for names, `one_line` for cells of tables;
 - names of files that are made from foreign text: `file_name`;
 - a line on standard error, which may quote what was given: `abridged`;
 - titles: `shortened`.
@@ -16,8 +16,6 @@ Python has for it, such as `\x1b` or `\u202e`, and a byte of a file name that is
 from __future__ import annotations
 
 import contextlib
-import errno
-import hashlib
 import json
 import math
 import os
@@ -113,25 +111,14 @@ def markdown(text: object) -> str:
     return re.sub(r"<(?=[A-Za-z/!?])", "&lt;", one_line(text)).replace("](", "]&#40;")
 
 
-def markdown_cell(text: object) -> str:
-    """Foreign text for a cell of a markdown table: as `markdown`, and it begins no other cell."""
-    # A backslash before the mark would take its own away.
-    return re.sub(r"(\\*)\|", r"\1\1\\|", markdown(text))
-
-
 def file_name(text: object) -> str:
     """Foreign text as the name of a file or folder: no path, no option, and short enough.
 
-    It has at most `LONGEST_FILE_NAME` bytes.
-    Usual names stay as they are. Others end with a digest, so that two that differ stay two.
+    It has at most `LONGEST_FILE_NAME` bytes. Usual names stay as they are.
     """
-    whole = str(text)
-    name = "".join(c if c.isprintable() and c not in _OF_SHELLS else "_" for c in whole).strip(" ")
-    name = re.sub(r"^[.\-~]+", "_", name).rstrip(".") or "_"
-    if name == whole and len(name.encode()) <= LONGEST_FILE_NAME:
-        return name
-    digest = hashlib.sha256(whole.encode(errors="surrogatepass")).hexdigest()[:8]
-    return f"{name.encode()[: LONGEST_FILE_NAME - 9].decode(errors='ignore')}-{digest}"
+    name = "".join(c if c.isprintable() and c not in _OF_SHELLS else "_" for c in str(text))
+    name = re.sub(r"^[.\-~]+", "_", name.strip(" "))
+    return name.encode()[:LONGEST_FILE_NAME].decode(errors="ignore").rstrip(". ") or "_"
 
 
 # --- files ---
@@ -157,9 +144,6 @@ def _version(package: str) -> str:
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` make a file beside `path`, then move it there; a failure leaves the old one.
 
-    The file and its folder are synchronised with the disk, so that after a power cut there is the
-    old file or the new one, whole.
-
     Args:
         path: where the file shall be; its folder must exist.
         write: gets the temporary path, whose suffix is that of `path`; there is no file there yet.
@@ -171,27 +155,10 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     temporary = path.with_name(f".ssmr-{secrets.token_hex(8)}.part{path.suffix}")
     try:
         write(temporary)
-        _synchronise(temporary, os.O_RDWR)
         os.replace(temporary, path)
-        _synchronise(path.parent, os.O_RDONLY)
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
-
-
-def _synchronise(path: Path, how: int) -> None:
-    """Wait until a file or folder is on the disk; not every file system can do that for folders."""
-    try:
-        descriptor = os.open(path, how)
-    except PermissionError:
-        return
-    try:
-        os.fsync(descriptor)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
-            raise
-    finally:
-        os.close(descriptor)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -213,7 +180,7 @@ def plain(value: Any) -> Any:
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write a document as JSON, or nothing and a ValueError if a number is not finite."""
-    write_text(path, json.dumps(encodable(document), indent=2, allow_nan=False) + "\n")
+    write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 def encodable(value: Any) -> Any:

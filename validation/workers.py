@@ -5,7 +5,6 @@ dask sends Python objects as they are and runs them, see SECURITY.md. It is the 
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import os
 import re
@@ -13,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from functools import cache
-from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -33,6 +31,8 @@ _WORTH_S = 0.1
 _PATIENCE_S = 10.0
 """Time that a scheduler has to answer, and to have workers [s]."""
 _clients: dict[str, Any] = {}
+_compared: set[str] = set()
+"""Addresses of the workers whose versions and processors were compared with those here."""
 _scattered: WeakKeyDictionary[Any, tuple[Any, Any]] = WeakKeyDictionary()
 """The client and the future of each problem that lies at all of a scheduler's workers."""
 _log = logging.getLogger(__name__)
@@ -61,7 +61,7 @@ def completed(
     Calls that have not begun are dropped when the iterator is closed, or by an interrupt.
 
     Raises:
-        ValueError: no scheduler answers at the address, or its workers would have other results.
+        ValueError: no scheduler answers at the address.
         SsmrError: the scheduler or its last worker went away.
     """
     client: Any = _connected(workers) if isinstance(workers, str) else None
@@ -72,6 +72,8 @@ def completed(
         pool = client.get_executor(pure=False)
     numbers: dict[Future[Any], int] = {}
     try:
+        if client is not None:
+            _warn_of_others(client)
         for number, call in enumerate(calls):
             numbers[pool.submit(function, *call)] = number
         waiting = set(numbers)
@@ -102,8 +104,9 @@ def rate_there(
 ) -> FloatArray:
     """Return what a problem's method returns for (S, ...) columns, from a scheduler's workers.
 
-    Each share of them is rated on one thread, and the result is equal to the bit. `on_share` is
-    called with the share of the work that is done. The errors are those of `completed`.
+    Each share of them is rated on one thread, and the result is equal to the bit where versions and
+    processors are. `on_share` is called with the share of the work that is done. The errors are
+    those of `completed`.
     """
     client = _connected(address)
     if problem not in _scattered or _scattered[problem][0] is not client:
@@ -112,7 +115,7 @@ def rate_there(
     threads = sum(client.nthreads().values())
     count = max(1, min(len(columns[0]), _SHARES * threads))
     shares = zip(*(np.array_split(column, count) for column in columns), strict=True)
-    calls = [(at_workers, _identity(), method, *share) for share in shares]
+    calls = [(at_workers, method, *share) for share in shares]
     rated = {}
     seconds = 0.0
     for number, (values, took) in completed(address, _rate, calls):
@@ -142,11 +145,8 @@ def _say_slow(address: str) -> None:
     )
 
 
-def _rate(
-    problem: Any, identity: Mapping[str, str], method: str, *share: FloatArray
-) -> tuple[FloatArray, float]:
+def _rate(problem: Any, method: str, *share: FloatArray) -> tuple[FloatArray, float]:
     """Return the values of a share, and the time that it took on this worker [s]."""
-    _require_alike("a worker", _identity(), identity)  # which may have come after the connection
     began = time.perf_counter()
     values = getattr(problem, method)(*share)
     return values, time.perf_counter() - began
@@ -156,7 +156,7 @@ def _connected(address: str) -> Any:
     """Return the client of a scheduler, of which this process has one.
 
     Raises:
-        ValueError: dask is not installed, no scheduler answers, or it has no workers or others.
+        ValueError: dask is not installed, no scheduler answers, or it has no workers.
     """
     client = _clients.get(address)
     if client is not None and client.status == "running":
@@ -182,32 +182,24 @@ def _connected(address: str) -> Any:
             f"no dask scheduler with workers answers at {address} ({one_line(error)}); start them "
             f"with `dask scheduler` and `dask worker {address}`"
         ) from None
-    for worker, identity in client.run(_identity).items():
-        _require_alike(f"the worker {worker}", identity, _identity())
     _clients[address] = client
     return client
 
 
-@cache
-def _identity() -> Mapping[str, str]:
-    """Return all on which the bits of results depend: versions, sources and the processor."""
-    digest = hashlib.sha256()
-    for package in ("ssmr", "validation"):
-        for path in sorted(Path(__file__).parents[1].joinpath(package).rglob("*.py")):
-            digest.update(path.read_bytes())
-    instructions = llvmlite.binding.get_host_cpu_features().flatten()
-    return {
-        **versions(),
-        "sources": digest.hexdigest()[:12],
-        "processor": llvmlite.binding.get_host_cpu_name(),
-        "instructions": hashlib.sha256(instructions.encode()).hexdigest()[:12],
-    }
-
-
-def _require_alike(worker: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> None:
-    for name, value in ours.items():
-        if theirs[name] != value:
-            raise ValueError(
-                f"{worker} has {name} {theirs[name]}, this machine has {value}: results are equal "
-                "to the bit on equal versions and processors alone"
+def _warn_of_others(client: Any) -> None:
+    """Warn once of each worker whose versions or processor are not those here."""
+    new = client.nthreads().keys() - _compared
+    _compared.update(new)
+    ours = _versions_here()
+    for worker, theirs in client.run(_versions_here, workers=sorted(new)).items():
+        unlike = [name for name in ours if theirs[name] != ours[name]]
+        if unlike:
+            words = ", ".join(f"{name} {theirs[name]}, not {ours[name]}" for name in unlike)
+            _log.warning(
+                "the worker %s has %s: its results may differ in their last digits", worker, words
             )
+
+
+def _versions_here() -> Mapping[str, str]:
+    """Return on what the last digits of results depend: versions and the processor."""
+    return {**versions(), "processor": llvmlite.binding.get_host_cpu_name()}

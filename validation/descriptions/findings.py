@@ -185,8 +185,8 @@ def _wheel_without_load(robot: Robot, _: Others) -> Finding | None:
         "weight_off",
         "fault",
         f"the {wheel} wheel carries nothing: the whole robot's centre of mass is {x:.3g} m "
-        f"ahead and {y:.3g} m to the left of the middle, and 2 |x| / wheelbase + "
-        f"2 |y| / track must be less than 1, not {used:.2f}",
+        f"ahead and {y:.3g} m to the left of the middle; twice that as shares of wheelbase and "
+        f"track must add up to less than 1, not {used:.2f}",
     )
 
 

@@ -109,7 +109,7 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
             the limits.
     """
     header_line, header, rows = _header(path, limits)
-    plain = _plain(path, header_line, header, min(limits.samples, limits.cells // len(header)))
+    plain = _plain(path, header_line, header, limits.samples)
     return plain or _read_rows(path, header_line, header, rows, limits)
 
 
@@ -122,7 +122,6 @@ def _read_rows(
 ) -> CsvTable:
     """Read the rows of any table, cell by cell."""
     width = len(header)
-    most = min(limits.samples, limits.cells // width)
     columns = [array("d") for _ in header]
     lines = array("q")
     bad: list[tuple[int, str] | None] = [None] * width
@@ -132,9 +131,8 @@ def _read_rows(
             raise FileError(
                 path, f"there are {len(row)} fields, wanted {width} as in the header", line
             )
-        if len(lines) >= most:
-            what = limits.says("samples" if most == limits.samples else "cells")
-            raise FileError(path, f"there are too many rows: {what}", line)
+        if len(lines) >= limits.samples:
+            raise FileError(path, f"there are too many rows: {limits.says('samples')}", line)
         for place, cell in enumerate(row):
             value = _number(cell)
             columns[place].append(value)
@@ -225,10 +223,6 @@ def _header(
             path,
             f"{what} the columns; wanted commas between them, and points in numbers",
             header_line,
-        )
-    if width > limits.columns:
-        raise FileError(
-            path, f"there are {width} columns, but {limits.says('columns')}", header_line
         )
     return header_line, header, rows
 

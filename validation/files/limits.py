@@ -39,12 +39,8 @@ class LogLimits:
 
     table_size: float = _limit(500.0, "MB")
     """Size of a CSV file, which is read whole; bags are read message by message."""
-    columns: float = _limit(1000.0, "1")
-    """Number of columns, and of topics that are read."""
     samples: float = _limit(1e7, "1")
     """Number of rows, of messages that are read, and of instants of a common clock."""
-    cells: float = _limit(1e8, "1")
-    """Number of samples times number of columns."""
     span: float = _limit(864_000.0, "s")
     """Time from the first sample to the last."""
     gap: float = _limit(3600.0, "s")

@@ -528,14 +528,12 @@ class Log:
                 "leave one out with topics ROLE=none",
             )
         n = span / dt + TIME_ROUNDOFF
-        for limit, many in (("samples", n), ("cells", n * len(self.columns))):
-            if many > getattr(self.limits, limit):
-                raise FileError(
-                    self.path,
-                    f"{span:.6g} s at {1.0 / dt:.6g} Hz are too many samples of "
-                    f"{len(self.columns)} columns, for {self.limits.says(limit)}; "
-                    "ask for a lower rate",
-                )
+        if n > self.limits.samples:
+            raise FileError(
+                self.path,
+                f"{span:.6g} s at {1.0 / dt:.6g} Hz are too many samples, for "
+                f"{self.limits.says('samples')}; ask for a lower rate",
+            )
         return np.asarray(start + dt * np.arange(int(n) + 1), dtype=np.float64)
 
     # -----------------------------------------------------------------------------------------

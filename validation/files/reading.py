@@ -20,10 +20,6 @@ T = TypeVar("T")
 _MOST_TEXT = 1 << 18
 """Greatest size of a text that describes something, such as a profile [bytes]; shipped ones have
 less than ten thousand."""
-_MOST_DEEP = 32
-"""Greatest depth of tables and lists inside one another; parsed documents are walked by recursion
-later."""
-_TOO_DEEP = f"tables and lists lie more than {_MOST_DEEP} deep inside one another"
 _MOST_NAMED = 5
 """Greatest number of unknown keys that a message names."""
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
@@ -183,20 +179,20 @@ def _parse_toml(text: str, name: str) -> dict[str, Any]:
         document = tomllib.loads(text)
         _check(document)
     except (ValueError, RecursionError) as error:
-        why = _TOO_DEEP if isinstance(error, RecursionError) else " ".join(str(error).split())
+        why = "tables and lists lie too deep inside one another"
+        if isinstance(error, ValueError):
+            why = " ".join(str(error).split())
         raise ValueError(f"{name}: {why}") from error
     return document
 
 
-def _check(value: Any, depth: int = 0) -> None:
-    """Refuse tables that are nested too deep, and numbers that are too large."""
-    if depth > _MOST_DEEP:
-        raise ValueError(_TOO_DEEP)
+def _check(value: Any) -> None:
+    """Refuse numbers that are too large."""
     if isinstance(value, int) and abs(value) >= _WHOLE:
         raise ValueError("a whole number has more than 64 bits")
     if isinstance(value, dict | list):
         for part in value.values() if isinstance(value, dict) else value:
-            _check(part, depth + 1)
+            _check(part)
 
 
 def typed(table: Any, kinds: Mapping[str, Any], where: str = "") -> dict[str, Any]:

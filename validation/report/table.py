@@ -19,7 +19,7 @@ from rich.measure import Measurement
 from rich.text import Text
 
 from ssmr.metrics.declared import Metric
-from validation.output import each_line, markdown, markdown_cell, one_line
+from validation.output import each_line, markdown, one_line
 from validation.report.columns import DECLARED, NOTHING, Unit, heading_of, is_length, unit_of
 
 Row = Mapping[str, Any]
@@ -252,7 +252,7 @@ def markdown_table(table: Table) -> list[str]:
     """Draw a table as the lines of a table of GitHub-flavoured markdown."""
 
     def line(cells: Iterable[str]) -> str:
-        return "| " + " | ".join(map(markdown_cell, cells)) + " |"
+        return "| " + " | ".join(map(one_line, cells)) + " |"
 
     columns = table.columns()
     header = [f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in columns]

@@ -18,7 +18,7 @@ from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
 from ssmr.metrics.declared import (
-    METRICS,
+    _PATH_METRICS,
     SIGNALS,
     compare_paths,
     compare_pieces,
@@ -445,8 +445,8 @@ def test_the_parts_are_those_of_the_whole() -> None:
             assert np.all(np.isnan(one_sided_kernel(candidate, reference, path_length(reference))))
             continue
         measured = {
-            name: METRICS[name].pool([METRICS[name].of(whole, (0.0, 0.0))], [400])
-            for name in METRICS
+            metric.name: pool([part_of(whole, (0.0, 0.0))], [400])
+            for metric, part_of, pool in _PATH_METRICS
         }
         assert one_sided_kernel(candidate, reference, path_length(reference)) == (
             measured["d_rms_m"],

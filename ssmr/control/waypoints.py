@@ -29,14 +29,6 @@ _LARGEST_NUMBER = 1e12
 """Greatest coordinate [m] or time [s] that is believed: doubles lie 0.1 mm apart there."""
 
 
-class Fault(NamedTuple):
-    """The reason why no trajectory goes through a point."""
-
-    row: int  # number of the point, from 0
-    column: str | None  # `t`, `x` or `y`; None where it is the point as a whole
-    what: str  # A sentence that says what is wrong and what would be right
-
-
 _COURSE = np.dtype([(name, np.float64) for name in ("t", "x", "y", "heading", "v", "w")])
 """One waypoint as the kernels take it, in mission time: t [s], zero at the first waypoint; place x,
 y [m]; phi, heading of the segment that begins here [rad, unwrapped], at the end that of the segment
@@ -63,11 +55,13 @@ class Errors(NamedTuple):
     alpha: float  # e_alpha, heading of the target's segment less the robot's [rad]
 
 
-def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
+def find_fault(t: FloatArray | None, xy: FloatArray) -> tuple[int, str | None, str] | None:
     """Return the first point at which (N,) times [s] and (N, 2) places [m] are no trajectory.
 
-    It is None if there is no fault. Without times, neighbours at one place are a fault too: a speed
-    gives them no time to wait.
+    It is None if there is no fault; else the number of the point, from 0, `t`, `x` or `y`, or None
+    where it is the point as a whole, and a sentence that says what is wrong and what would be
+    right. Without times, neighbours at one place are a fault too: a speed gives them no time to
+    wait.
     """
     x, y = xy.T
     for column, values, unit in (("x", x, "m"), ("y", y, "m"), ("t", t, "s")):
@@ -77,7 +71,7 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
         if len(bad):
             k = int(bad[0])
             right = f"a finite number [{unit}] no larger than {_LARGEST_NUMBER:g}"
-            return Fault(k, column, f"{column} is {values[k]:g}, wanted {right}")
+            return k, column, f"{column} is {values[k]:g}, wanted {right}"
     moving = step_lengths(xy) > _SAME_PLACE
     if t is None:
         if np.all(moving):
@@ -85,15 +79,14 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
         k = int(np.argmin(moving)) + 1
         cure = "give times, to wait, or leave out one of them"
         place = f"({x[k]:.6g}, {y[k]:.6g}) m"
-        return Fault(k, None, f"it is where the one before is, at {place}; {cure}")
+        return k, None, f"it is where the one before is, at {place}; {cure}"
     late = np.diff(t) > _SAME_TIME
     if not np.all(late):
         k = int(np.argmin(late)) + 1
-        what = f"time must increase, but {t[k]:.12g} s follows {t[k - 1]:.12g} s"
-        return Fault(k, "t", what)
+        return k, "t", f"time must increase, but {t[k]:.12g} s follows {t[k - 1]:.12g} s"
     if not np.any(moving):
         what = "no waypoint is away from the first, so there is no heading; name a second place"
-        return Fault(len(xy) - 1, None, what)
+        return len(xy) - 1, None, what
     return None
 
 
@@ -126,7 +119,8 @@ class Waypoints:
             )
         fault = find_fault(t, xy)
         if fault is not None:
-            raise ValueError(f"waypoint {fault.row + 1}: {fault.what}")
+            row, _, what = fault
+            raise ValueError(f"waypoint {row + 1}: {what}")
         object.__setattr__(self, "t", frozen_array(t, "t", (None,)))
         object.__setattr__(self, "xy", frozen_array(xy, "xy", (None, 2)))
 
@@ -143,7 +137,8 @@ class Waypoints:
         places = _places(xy)
         fault = find_fault(None, places)
         if fault is not None:
-            raise ValueError(f"waypoint {fault.row + 1}: {fault.what}")
+            row, _, what = fault
+            raise ValueError(f"waypoint {row + 1}: {what}")
         return cls._with_times(places, speed, np.zeros(len(places) - 1))
 
     @classmethod

@@ -1,6 +1,7 @@
 """Every metric, declared once: name, unit, meaning, direction, computation and pooling.
 
-A metric of paths is one row of `METRICS`, one of a signal at equal times one row of `SIGNALS`.
+A metric of paths is one row of `_PATH_METRICS`, one of a signal at equal times one row of
+`_SIGNAL_METRICS`.
 Tables, pictures, reports and JSON files read these tables, so a new metric is one new row.
 """
 
@@ -36,25 +37,6 @@ class Metric:
     """Direction in which it is better: towards zero, towards one, or upwards."""
     meaning: str
     """One sentence without its end, for the legend of a report."""
-
-
-@dataclass(frozen=True)
-class PathMetric(Metric):
-    """A metric of a candidate's path against a reference's."""
-
-    of: Callable[[PathMeasures, tuple[float, float]], Any]
-    """Part of the measures of one piece's path, or of its errors at equal times, that it is made
-    of."""
-    pool: Callable[[Sequence[Any], Sequence[int]], float]
-    """Value over all pieces, from those parts and the numbers of samples of the reference."""
-
-
-@dataclass(frozen=True)
-class SignalMetric(Metric):
-    """A root mean square difference of a signal at equal times."""
-
-    of: Callable[[Trajectory], FloatArray | None]
-    """The (M,) or (M, k) signal of a motion; None where the motion does not know it."""
 
 
 class Metrics(dict[str, float]):
@@ -94,88 +76,113 @@ def _ratio_of_totals(
     return pool
 
 
-_PATH_METRICS = (
-    PathMetric(
-        name="d_rms_m",
-        label="d_rms",
-        unit="m",
-        direction="low",
-        meaning="root mean square, over the reference's samples, of the distance to the closest "
-        "sample of the robot's path; one-sided: leaving the reference's path after having covered "
-        "it costs nothing",
-        of=lambda m, sync: m.d_rms,
-        pool=_mean_square,
+_PathMetric = tuple[
+    Metric,
+    Callable[[PathMeasures, tuple[float, float]], Any],
+    Callable[[Sequence[Any], Sequence[int]], float],
+]
+_PATH_METRICS: tuple[_PathMetric, ...] = (
+    (
+        Metric(
+            name="d_rms_m",
+            label="d_rms",
+            unit="m",
+            direction="low",
+            meaning="root mean square, over the reference's samples, of the distance to the "
+            "closest sample of the robot's path; one-sided: leaving the reference's path after "
+            "having covered it costs nothing",
+        ),
+        lambda m, sync: m.d_rms,
+        _mean_square,
     ),
-    PathMetric(
-        name="d_haus_m",
-        label="d_haus",
-        unit="m",
-        direction="low",
-        meaning="the largest of those distances, the one-sided Hausdorff distance from the "
-        "reference to the robot's path",
-        of=lambda m, sync: m.d_haus,
-        pool=_greatest,
+    (
+        Metric(
+            name="d_haus_m",
+            label="d_haus",
+            unit="m",
+            direction="low",
+            meaning="the largest of those distances, the one-sided Hausdorff distance from the "
+            "reference to the robot's path",
+        ),
+        lambda m, sync: m.d_haus,
+        _greatest,
     ),
-    PathMetric(
-        name="d_ratio",
-        label="d_ratio",
-        unit="1",
-        direction="one",
-        meaning="length of the robot's path over that of the reference; above 1 the robot drives "
-        "farther",
-        of=lambda m, sync: m.lengths,
-        pool=_ratio_of_totals(LENGTH_FLOOR),
+    (
+        Metric(
+            name="d_ratio",
+            label="d_ratio",
+            unit="1",
+            direction="one",
+            meaning="length of the robot's path over that of the reference; above 1 the robot "
+            "drives farther",
+        ),
+        lambda m, sync: m.lengths,
+        _ratio_of_totals(LENGTH_FLOOR),
     ),
-    PathMetric(
-        name="e_bend_ratio",
-        label="e_bend ratio",
-        unit="1",
-        direction="one",
-        meaning="bending energy (curvature squared, summed along the path) of the robot's path "
-        "over that of the reference; above 1 the robot's path is more curved",
-        of=lambda m, sync: m.bendings,
-        pool=_ratio_of_totals(BENDING_FLOOR),
+    (
+        Metric(
+            name="e_bend_ratio",
+            label="e_bend ratio",
+            unit="1",
+            direction="one",
+            meaning="bending energy (curvature squared, summed along the path) of the robot's path "
+            "over that of the reference; above 1 the robot's path is more curved",
+        ),
+        lambda m, sync: m.bendings,
+        _ratio_of_totals(BENDING_FLOOR),
     ),
-    PathMetric(
-        name="d_rms_symmetric_m",
-        label="d_rms sym",
-        unit="m",
-        direction="low",
-        meaning="d_rms of both directions, from the reference to the robot and back, each with the "
-        "same weight",
-        of=lambda m, sync: m.d_rms_symmetric,
-        pool=_mean_square,
+    (
+        Metric(
+            name="d_rms_symmetric_m",
+            label="d_rms sym",
+            unit="m",
+            direction="low",
+            meaning="d_rms of both directions, from the reference to the robot and back, each "
+            "with the same weight",
+        ),
+        lambda m, sync: m.d_rms_symmetric,
+        _mean_square,
     ),
-    PathMetric(
-        name="d_haus_symmetric_m",
-        label="d_haus sym",
-        unit="m",
-        direction="low",
-        meaning="the larger of the Hausdorff distances of both directions",
-        of=lambda m, sync: m.d_haus_symmetric,
-        pool=_greatest,
+    (
+        Metric(
+            name="d_haus_symmetric_m",
+            label="d_haus sym",
+            unit="m",
+            direction="low",
+            meaning="the larger of the Hausdorff distances of both directions",
+        ),
+        lambda m, sync: m.d_haus_symmetric,
+        _greatest,
     ),
-    PathMetric(
-        name="sync_rms_m",
-        label="sync rms",
-        unit="m",
-        direction="low",
-        meaning="root mean square of the distance between robot and reference at the same instant",
-        of=lambda m, sync: sync[0],
-        pool=_mean_square,
+    (
+        Metric(
+            name="sync_rms_m",
+            label="sync rms",
+            unit="m",
+            direction="low",
+            meaning="root mean square of the distance between robot and reference at the same "
+            "instant",
+        ),
+        lambda m, sync: sync[0],
+        _mean_square,
     ),
-    PathMetric(
-        name="yaw_rms_rad",
-        label="yaw rms",
-        unit="rad",
-        direction="low",
-        meaning="root mean square of the difference between the headings of robot and reference at "
-        "the same instant, wrapped",
-        of=lambda m, sync: sync[1],
-        pool=_mean_square,
+    (
+        Metric(
+            name="yaw_rms_rad",
+            label="yaw rms",
+            unit="rad",
+            direction="low",
+            meaning="root mean square of the difference between the headings of robot and "
+            "reference at the same instant, wrapped",
+        ),
+        lambda m, sync: sync[1],
+        _mean_square,
     ),
 )
-METRICS: Mapping[str, PathMetric] = MappingProxyType({m.name: m for m in _PATH_METRICS})
+"""Metrics of a candidate's path against a reference's, each with the part of the measures of one
+piece's path, or of its errors at equal times, that it is made of; and with the value over all
+pieces, from those parts and the numbers of samples of the reference."""
+METRICS: Mapping[str, Metric] = MappingProxyType({m.name: m for m, *_ in _PATH_METRICS})
 """Metrics of a candidate's path, by name, in the order of all tables. Ratios are candidate over
 reference."""
 
@@ -186,34 +193,43 @@ def _torques(motion: Trajectory) -> FloatArray | None:
     return torques if torques is not None and np.any(torques) else None
 
 
-_SIGNAL_METRICS = (
-    SignalMetric(
-        "yaw_rate_rms_rad_s",
-        "yaw rate rms",
-        "rad/s",
-        "low",
-        "root mean square of the difference between the yaw rates at the same instant; it sees "
-        "delays, and inertia in quick turns",
+_Signal = Callable[[Trajectory], FloatArray | None]
+_SIGNAL_METRICS: tuple[tuple[Metric, _Signal], ...] = (
+    (
+        Metric(
+            "yaw_rate_rms_rad_s",
+            "yaw rate rms",
+            "rad/s",
+            "low",
+            "root mean square of the difference between the yaw rates at the same instant; it sees "
+            "delays, and inertia in quick turns",
+        ),
         lambda motion: motion.twist[:, 2],
     ),
-    SignalMetric(
-        "yaw_acceleration_rms_rad_s2",
-        "yaw acc rms",
-        "rad/s²",
-        "low",
-        "the same of the yaw accelerations; it sees models that tremble",
+    (
+        Metric(
+            "yaw_acceleration_rms_rad_s2",
+            "yaw acc rms",
+            "rad/s²",
+            "low",
+            "the same of the yaw accelerations; it sees models that tremble",
+        ),
         lambda motion: motion.channels.get("yaw_acceleration_rad_s2"),
     ),
-    SignalMetric(
-        "torque_rms_N_m",
-        "torque rms",
-        "N m",
-        "low",
-        "the same of the motors' torques, over both sides; it sees friction and inertia",
+    (
+        Metric(
+            "torque_rms_N_m",
+            "torque rms",
+            "N m",
+            "low",
+            "the same of the motors' torques, over both sides; it sees friction and inertia",
+        ),
         _torques,
     ),
 )
-SIGNALS: Mapping[str, SignalMetric] = MappingProxyType({m.name: m for m in _SIGNAL_METRICS})
+"""Root mean square differences of signals at equal times, each with the (M,) or (M, k) signal of a
+motion, which is None where the motion does not know it."""
+SIGNALS: Mapping[str, Metric] = MappingProxyType({m.name: m for m, _ in _SIGNAL_METRICS})
 """Metrics of signals at equal times, by name. They see the dynamics, which paths hardly show."""
 
 
@@ -230,15 +246,15 @@ def compare_signals(candidates: Sequence[Trajectory], references: Sequence[Traje
     pairs = list(zip(candidates, references, strict=True))
     samples = [len(r) for r in references]
     metrics = Metrics()
-    for name, metric in SIGNALS.items():
+    for metric, signal_of in _SIGNAL_METRICS:
         parts = []
         for candidate, reference in pairs:
-            signal = metric.of(candidate)
-            reference_signal = metric.of(reference)
+            signal = signal_of(candidate)
+            reference_signal = signal_of(reference)
             if signal is not None and reference_signal is not None:
                 parts.append(_signal_rms(candidate.t, signal, reference.t, reference_signal))
         if parts and len(parts) == len(pairs):
-            metrics[name] = _mean_square(parts, samples)
+            metrics[metric.name] = _mean_square(parts, samples)
     return metrics
 
 
@@ -305,9 +321,9 @@ def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajec
         raise ValueError(f"a coordinate is beyond {LARGEST} m")
     samples = [len(r) for r in references]
     metrics = Metrics()
-    for name, metric in METRICS.items():
-        parts = [metric.of(paths, sync) for paths, sync in measured]
-        metrics[name] = metric.pool(parts, samples)
+    for metric, part_of, pool in _PATH_METRICS:
+        parts = [part_of(paths, sync) for paths, sync in measured]
+        metrics[metric.name] = pool(parts, samples)
     return metrics
 
 

@@ -65,12 +65,13 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
         some = "is one waypoint" if len(xy) else "are no waypoints"
         raise FileError(path, f"there {some} after the header; a trajectory needs at least two")
     fault = find_fault(t, xy)
-    waits = fault is not None and fault.column is None
+    waits = fault is not None and fault[1] is None
     if t is None and waits and names.count("t") == 1:  # the times say how long
         t = column("t")
         fault = find_fault(t, xy)
     if fault is not None:
-        raise FileError(path, fault.what, table.lines[fault.row], fault.column)
+        row, name, what = fault
+        raise FileError(path, what, table.lines[row], name)
     if t is None:
         assert speed is not None  # or the file has times
         return Waypoints.from_path(xy, speed)

@@ -73,10 +73,20 @@ def test_results_and_profiles_can_be_pickled() -> None:
 
 
 @pytest.mark.parametrize("name", ["calibrate", "compare", "fit", "track", "tune"])
-def test_help_and_completion_have_every_option_and_what_it_means(name: str) -> None:
+def test_help_has_every_option_once_and_what_it_means(name: str) -> None:
     program = getattr(validation, name)
     for option in inspect.signature(program).parameters:
-        assert re.search(rf"^    {option}: \w", program.__doc__, re.MULTILINE), option
+        meanings = re.findall(rf"^    {option}: \w.*", program.__doc__, re.MULTILINE)
+        assert len(meanings) == 1, option
+
+
+def test_a_program_promises_only_what_its_options_take() -> None:
+    by_address = validation.fit.options("linear", "traj4", workers="tcp://127.0.0.1:8786")
+    assert by_address.workers == "tcp://127.0.0.1:8786"
+    with pytest.raises(ValueError, match="workers"):
+        validation.compare.options("traj4", workers="tcp://127.0.0.1:8786")
+    says = {name: getattr(validation, name).__doc__ for name in ("fit", "compare", "track")}
+    assert [name for name, text in says.items() if "scheduler" in text] == ["fit"]
 
 
 @pytest.mark.parametrize(

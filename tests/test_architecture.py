@@ -394,11 +394,12 @@ PRICES = {
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
-        6_500,
+        6_800,
         4,
         27,
         "how texts of options are read and options checked, exit status, progress; "
-        "a run is repeated by its file; tyro has the rest",
+        "a run is repeated by its file; help and completion have each text in one line and no "
+        "default that says nothing; tyro has the rest",
     ),
     "validation/engines": Price(
         9_000,

@@ -395,8 +395,10 @@ def calibrate(o: Calibrate) -> Calibrated:
     Body and pose source are fitted from wheel rates, the driver from commands. Writes profile.toml,
     diff_drive.yaml for ros2_control, calibrate.md, calibrate.png and calibrate.json.
 
-    Raises: ValueError: a name or file that cannot be used, or a log whose columns contradict one
-        another. SsmrError: a plant diverged.
+    Raises:
+        ValueError: a name or file that cannot be used, or a log whose columns contradict one
+            another.
+        SsmrError: a plant diverged.
     """
     if unknown := [name for name in o.plants if name not in PLANTS]:
         raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")

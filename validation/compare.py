@@ -61,8 +61,7 @@ class Compare(cli.Filmed, cli.LogReading):
 
     source: tyro.conf.Positional[str | Path | DataFrame | Source]
     """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, the path of a
-    recording, or one that is shipped: sample (simulated), husky or warthog (real). In Python also a
-    frame of pandas with the columns of a log."""
+    recording, or one that is shipped: sample (simulated), husky or warthog (real)."""
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab for
     scenarios, a shipped log's own, else husky-tile, and for another --robot the numbers of its
@@ -84,8 +83,8 @@ class Compare(cli.Filmed, cli.LogReading):
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
     bands: bool = False
-    """Draw where each plant says that the robot will be with 90 %, and count how often it is
-    there."""
+    """Draw where each plant says that the robot will be nine times in ten, and count how often it
+    is there."""
     adapt: float | None = None
     """Calibrate planar models on while they drive along a recording, every so many seconds, with
     the profile as prior; a prediction uses the past alone [s]."""

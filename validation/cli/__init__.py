@@ -10,6 +10,7 @@ from validation.cli.process import EXIT_FAULT as EXIT_FAULT
 from validation.cli.process import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.process import EXIT_USER_ERROR as EXIT_USER_ERROR
 from validation.cli.process import parse as parse
+from validation.cli.process import read_as as read_as
 from validation.cli.process import run as run
 from validation.cli.program import Common as Common
 from validation.cli.program import Filmed as Filmed

@@ -14,7 +14,9 @@ import sys
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any
+from typing import Annotated, Any
+
+import tyro
 
 from validation import cli, output
 
@@ -57,6 +59,25 @@ def _named(says: str) -> Any:
     return nothing
 
 
+def _read_as(programs: Mapping[str, Any]) -> Any:
+    """Return the command that is one of several programs, or says the version."""
+
+    def ssmr(call: Any, *, version: bool = False) -> None:
+        """Simulate skid-steering robots, compare simulations with logs, and calibrate them.
+
+        Options of a program: `ssmr PROGRAM --help`.
+
+        Args:
+            call: What to do.
+            version: Print the version.
+        """
+        call()
+
+    call = tyro.conf.arg(name="")
+    ssmr.__annotations__["call"] = Annotated[cli.read_as(programs), call]
+    return ssmr
+
+
 def main() -> None:
     """Run the program that the command line names first; see `PROGRAMS`."""
     first, *rest = sys.argv[1:] or ["--help"]
@@ -66,9 +87,9 @@ def main() -> None:
         cli.run(program_named(first), f"ssmr {first}", rest)
     elif first.startswith("--tyro-"):
         # only a shell's completion needs the options of all programs at once
-        cli.run({name: program_named(name) for name in PROGRAMS}, "ssmr")
+        cli.run(_read_as({name: program_named(name) for name in PROGRAMS}), "ssmr")
     else:
-        cli.run({name: _named(says) for name, says in PROGRAMS.items()}, "ssmr", [first])
+        cli.run(_read_as({name: _named(says) for name, says in PROGRAMS.items()}), "ssmr", [first])
 
 
 if __name__ == "__main__":

@@ -13,14 +13,24 @@ import reprlib
 import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import MISSING, asdict, fields
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
+import tyro
+from docstring_parser import parse_from_object
 from typeguard import CollectionCheckStrategy, TypeCheckError, check_type
-from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+from tyro.constructors import (
+    MISSING_NONPROP,
+    ConstructorRegistry,
+    PrimitiveConstructorSpec,
+    PrimitiveTypeInfo,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
 
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import Log
@@ -215,3 +225,51 @@ def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         is_instance=lambda value: True,
         str_from_instance=lambda value: [text_of(value)],
     )
+
+
+@cache
+def meanings_of(command: Any) -> Mapping[str, str]:
+    """Return what each option of a dataclass or a function means, in one line each."""
+    meanings = {}
+    # of a class those of its bases first, but for object, which has none
+    for kind in command.__mro__[-2::-1] if inspect.isclass(command) else [command]:
+        for option in parse_from_object(kind).params:
+            meanings[option.arg_name] = " ".join((option.description or "").split())
+    return meanings
+
+
+def _meaning_of(command: Any, name: str) -> str | None:
+    return meanings_of(command).get(name)
+
+
+@REGISTRY.struct_rule
+def _options_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Describe the options of a dataclass or a function, with defaults that say something."""
+    command: Any = info.type
+    kind = inspect.unwrap(command)
+    if not inspect.isfunction(kind) and not (inspect.isclass(kind) and issubclass(kind, Options)):
+        return None
+    options = inspect.signature(command).parameters.values()
+    if any(option.kind is option.POSITIONAL_ONLY for option in options):
+        return None  # tyro gives such a rule's options by name
+    hints = typing.get_type_hints(kind, include_extras=True)
+    described = []
+    for option in options:
+        default = _default_of(option, info)
+        says = "" if default is None or default is False else text_of(default)
+        hint = tyro.conf.arg(help_behavior_hint=f"(default: {says})" if says else "")
+        hinted: Any = Annotated[hints[option.name], hint]
+        # meanings are read from the source, when somebody asks for help
+        means = partial(_meaning_of, command, option.name)
+        described.append(StructFieldSpec(option.name, hinted, default, means))
+    return StructConstructorSpec(command, tuple(described))
+
+
+def _default_of(option: inspect.Parameter, info: StructTypeInfo) -> Any:
+    """Return the default of an option; what tyro has for none where it must be given."""
+    if isinstance(info.default, Options):
+        return getattr(info.default, option.name)
+    declared = getattr(info.type, "__dataclass_fields__", {}).get(option.name)
+    if declared is not None and declared.default_factory is not MISSING:
+        return declared.default_factory()
+    return MISSING_NONPROP if option.default is option.empty else option.default

@@ -22,10 +22,9 @@ import traceback
 import typing
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
-from tyro.extras import SubcommandApp
 
 from ssmr.errors import SsmrError
 from validation import output
@@ -116,23 +115,29 @@ def parse(command: Any, program: str, arguments: Sequence[str] | None = None) ->
         SystemExit: it asked for help, or tyro has said what is wrong with it.
     """
     given = sys.argv[1:] if arguments is None else arguments
-    if isinstance(command, Mapping):
-        read: Callable[..., Any] = _subcommands(command, given).cli
-    else:
-        read = functools.partial(tyro.cli, _deferred(command, given))
-    call: Callable[[], Any] = read(prog=program, args=given, config=_STYLE, registry=REGISTRY)
+    wanted = read_as(command, given)
+    call: Callable[[], Any] = tyro.cli(
+        wanted, prog=program, args=given, config=_STYLE, registry=REGISTRY
+    )
     return call
 
 
-def _subcommands(commands: Mapping[str, Any], given: Sequence[str]) -> SubcommandApp:
-    app = SubcommandApp()
-    for name, command in commands.items():
+def read_as(command: Any, given: Sequence[str] = ()) -> Any:
+    """Return the type that tyro reads a command line as; its value is the call.
+
+    `command` is what `parse` takes, `given` its command line, which may name a run to repeat.
+    """
+    if not isinstance(command, Mapping):
+        return _deferred(command, given)
+    choices = []
+    for name, each in command.items():
         its = given[1:] if name in given[:1] else ()
-        if isinstance(command, Mapping):
-            app.command(_subcommands(command, its), name=name)
-        else:
-            app.command(name=name)(_deferred(command, its))
-    return app
+        about = "" if isinstance(each, Mapping) else None
+        choice = tyro.conf.subcommand(
+            name, constructor_factory=functools.partial(read_as, each, its), description=about
+        )
+        choices.append(Annotated[Any, choice])
+    return typing.Union[tuple(choices)]  # noqa: UP007
 
 
 def _deferred(command: Any, given: Sequence[str]) -> Callable[..., Any]:

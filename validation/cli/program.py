@@ -11,13 +11,12 @@ import os
 import shlex
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Generic, ParamSpec, TypeVar
 
 import tyro
-from docstring_parser import parse_from_object
 from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
@@ -25,7 +24,7 @@ from rich.text import Text
 from ssmr.parameters import MOST_SEED, require_within
 from validation import output
 from validation.cli.config import config_of, options_in, read_result
-from validation.cli.options import Options, kinds_of, words_of
+from validation.cli.options import Options, kinds_of, meanings_of, words_of
 from validation.cli.process import run, say
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
@@ -169,10 +168,8 @@ class Program(Generic[P, R]):
     def __doc__(self) -> str:  # type: ignore[override]
         """Text of the function, and what each option means."""
         lines = [inspect.getdoc(self.function) or "", "", "Options:"]
-        for kind in filter(is_dataclass, reversed(self.options.__mro__)):
-            for option in parse_from_object(kind).params:
-                meaning = " ".join((option.description or "").split())
-                lines.append(f"    {option.arg_name}: {meaning}")
+        meanings = meanings_of(self.options)
+        lines += [f"    {name}: {meanings[name]}" for name in self.__signature__.parameters]
         return "\n".join(lines)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:

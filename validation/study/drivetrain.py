@@ -166,7 +166,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
 
     Raises:
         ValueError: there is no log or no such robot, a log cannot be read, or one lacks what is
-        needed.
+            needed.
     """
     up = None if o.recording is None else drive_log(o.recording)
     ground = None if o.ground is None else drive_log(o.ground)

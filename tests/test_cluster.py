@@ -33,6 +33,7 @@ from validation.sweep import sweep
 from validation.tune import tune
 
 distributed = pytest.importorskip("distributed")
+cfexecutor = import_module("distributed.cfexecutor")
 wire = import_module("distributed.protocol.pickle")
 """The functions by which dask sends a problem."""
 
@@ -159,6 +160,33 @@ def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(workers, "_PATIENCE_S", 0.2)
     with pytest.raises(ValueError, match="no dask scheduler with workers answers at tcp"):
         fit("linear", "traj2@mujoco", workers="tcp://127.0.0.1:9", **SHORT)
+
+
+def test_a_result_that_went_away_with_its_worker_is_computed_again(
+    cluster: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dask then unpacks the result as if it were an error (a ValueError, as ours are)."""
+    cascade = cfexecutor._cascade_future
+    left = ["once"]
+
+    def lose_the_first(future: Any, told: Any) -> Any:
+        if left:
+            left.clear()
+            told.set_exception(ValueError("not enough values to unpack (expected 3, got 2)"))
+            return None
+        return cascade(future, told)
+
+    monkeypatch.setattr(cfexecutor, "_cascade_future", lose_the_first)
+    calls = [(k, 2) for k in range(4)]
+    found = dict(workers.completed(cluster.scheduler_address, pow, calls))
+    assert found == {k: k**2 for k in range(4)}
+    assert not left
+
+    def refuse(k: int) -> None:
+        raise ValueError(f"no {k}")
+
+    with pytest.raises(ValueError, match="no 0"):
+        list(workers.completed(cluster.scheduler_address, refuse, [(0,)]))
 
 
 @pytest.mark.parametrize("breaks", ["interrupt", "worker", "scheduler"])

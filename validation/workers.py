@@ -70,29 +70,65 @@ def completed(
         pool = ThreadPoolExecutor(threads_of(workers))
     else:
         pool = client.get_executor(pure=False)
-    numbers: dict[Future[Any], int] = {}
+    futures: dict[Future[Any], int] = {}
+    own: Exception | None = None
     try:
         if client is not None:
             _warn_of_others(client)
-        for number, call in enumerate(calls):
-            numbers[pool.submit(function, *call)] = number
-        waiting = set(numbers)
-        while waiting:
-            done, waiting = wait(waiting, _PATIENCE_S, FIRST_COMPLETED)
-            if client is not None and not done and not client.nthreads():
-                raise RuntimeError("no worker is left")
-            for future in sorted(done, key=numbers.__getitem__):
-                yield numbers[future], future.result()
+        for number, result, own in _outcomes(client, pool, function, calls, futures):
+            if own is not None:
+                raise own
+            yield number, result
     except Exception as error:  # dask has no common one
-        # also a ValueError: that of the function, or dask's own for a future that it lost
-        is_ours = isinstance(error, SsmrError | ValueError)
-        if client is None or (is_ours and client.status == "running"):
+        if client is None or error is own:
             raise
         raise _gone(workers, error) from error
     finally:
-        for future in numbers:
+        for future in futures:
             future.cancel()
         pool.shutdown()
+
+
+def _outcomes(
+    client: Any,
+    pool: Executor,
+    function: Callable[..., Any],
+    calls: Sequence[Sequence[Any]],
+    futures: dict[Future[Any], int],
+) -> Iterator[tuple[int, Any, Exception | None]]:
+    """Yield number, result and error of each call as it ends; write the `futures` by their calls.
+
+    A call whose result went away with its worker is made again.
+    """
+    for number, call in enumerate(calls):
+        futures[pool.submit(_outcome_of, function, *call)] = number
+    waiting = set(futures)
+    lost = 0
+    while waiting:
+        done, waiting = wait(waiting, _PATIENCE_S, FIRST_COMPLETED)
+        if client is not None and not done and not client.nthreads():
+            raise RuntimeError("no worker is left")
+        for future in sorted(done, key=futures.__getitem__):
+            number = futures[future]
+            try:
+                result, error = future.result()
+            except Exception:  # of the scheduler, whatever it is: it lost the result
+                lost += 1
+                if client is None or lost > len(calls) or not client.nthreads():
+                    raise
+                again = pool.submit(_outcome_of, function, *calls[number])
+                futures[again] = number
+                waiting.add(again)
+            else:
+                yield number, result, error
+
+
+def _outcome_of(function: Callable[..., Any], *call: Any) -> tuple[Any, Exception | None]:
+    """Return what a call returns, or what it raises, which is then no error of the scheduler."""
+    try:
+        return function(*call), None
+    except Exception as error:  # noqa: BLE001 - raised again where it was asked for
+        return None, error
 
 
 def rate_there(

@@ -11,7 +11,7 @@ has no vector form, such as `math.exp`, runs lane after lane, with the same resu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba.core import cgutils, types
@@ -66,14 +66,6 @@ _DRIVEN = DriveNumbers._fields.index("delay_v")
 """Numbers of the driver that a step needs; the others have gone into the twist that it holds."""
 _ROBOT = _DRIVE + _DRIVEN
 """First row of the robot."""
-
-
-class _Times(NamedTuple):
-    """Step and length of a run."""
-
-    dt: float  # physics step [s]
-    steps: int  # number of physics steps
-    stride: int  # steps between samples
 
 
 @built_in
@@ -195,7 +187,7 @@ def _run_lanes(
     held: FloatArray,
     places: NDArray[np.uint64],
     rows: FloatArray,
-    times: _Times,
+    times: tuple[float, int, int],
     poses: FloatArray,
 ) -> None:
     """Drive a group of robots; write (s, M, 3) poses, or NaN.
@@ -205,13 +197,15 @@ def _run_lanes(
     than a proportional loop, limits and a delay; a missing part is left out of the compiled loop,
     which changes no bit. `prescribed` is None unless the `held` values are the wheel rates
     themselves; `places` (2 LANES,) are the indices among them of the first v, then of the first
-    omega, of each lane.
+    omega, of each lane. `times` are the physics step [s], the number of steps, and that between
+    samples.
     """
     _prefer_wide_vectors()
+    dt, steps, stride = times
     ahead = np.empty(2 * _CHUNK * _PAIR)
     due = 0
     sample = 0
-    for k in range(-_CHUNK, times.steps + 1):
+    for k in range(-_CHUNK, steps + 1):
         if k % _CHUNK == 0:
             _lay_out(held, places, k + _CHUNK, ahead)
         if k < 0:
@@ -219,12 +213,12 @@ def _run_lanes(
         if k == due:
             _record(rows, sample, poses)
             sample += 1
-            due += times.stride
-        if k == times.steps:
+            due += stride
+        if k == steps:
             break
         _copy_numbers(rows, _HELD * LANES, ahead, k % (2 * _CHUNK) * _PAIR, _PAIR)
         for i in range(LANES):
-            _step(kind, plain, prescribed, rows, i, times.dt)
+            _step(kind, plain, prescribed, rows, i, dt)
     for i in range(len(poses)):
         total = rows[i] + rows[i + LANES] + rows[i + 2 * LANES]
         if not np.isfinite(total):
@@ -282,20 +276,21 @@ def run_population(
     robots = [m.packed(dt) for m in models]
     drives = [drive_numbers(m.drive, commands.dt, dt) for m in models]
     period = drives[0].period
-    times = _Times(dt, commands.n * period, stride)
+    steps = commands.n * period
+    times = (dt, steps, stride)
     if wheels:  # those of all steps, and the places of each robot's first left and right one
-        steps = np.arange(times.steps + 2 * _CHUNK)
+        step = np.arange(steps + 2 * _CHUNK)
         last = commands.n - 1
-        held = commands.values[np.minimum(steps // period, last)].T.ravel()
-        place = np.array([0, len(steps)], dtype=np.uint64)
+        held = commands.values[np.minimum(step // period, last)].T.ravel()
+        place = np.array([0, len(step)], dtype=np.uint64)
         places = np.tile(place, (len(models), 1))
     else:
-        held, places = _held_twists(commands, drives, times)
+        held, places = _held_twists(commands, drives, steps)
     lanes = [_lane_numbers(*numbers) for numbers in zip(starts, drives, robots, strict=True)]
     rows = np.array(lanes, dtype=np.float64)
     plain = None if any(map(_is_special, drives, robots)) else True
     kind = (robots[0], plain, True if wheels else None)
-    poses = np.empty((len(models), 1 + times.steps // stride, 3))
+    poses = np.empty((len(models), 1 + steps // stride, 3))
 
     def run(first_group: int, last_group: int) -> None:
         for group in range(first_group, last_group):
@@ -332,14 +327,14 @@ def _is_special(drive: DriveNumbers, robot: PlanarRobot) -> bool:
 
 
 def _held_twists(
-    commands: Commands, drives: Sequence[DriveNumbers], times: _Times
+    commands: Commands, drives: Sequence[DriveNumbers], steps: int
 ) -> tuple[FloatArray, NDArray[np.uint64]]:
     """Return the twists that the drivers hold, and where those of each one begin.
 
     The latter are (S, 2) places of the first v and the first omega.
     """
     longest = max(max(d.delay_v, d.delay_w) for d in drives)
-    length = longest + times.steps + 2 * _CHUNK
+    length = longest + steps + 2 * _CHUNK
     samplings = {(d.hold, d.ramp): d for d in drives}  # usually one: a fit moves neither
     held = np.empty((len(samplings), 2, length))
     for drive, out in zip(samplings.values(), held, strict=True):

@@ -169,7 +169,7 @@ def test_the_loop_over_the_lanes_is_vector_instructions() -> None:
         np.zeros(100),
         places,
         rows,
-        lanes._Times(0.001, 8, 8),
+        (0.001, 8, 8),
         np.empty((1, 2, 3)),
     )
     (code,) = loop.inspect_llvm().values()

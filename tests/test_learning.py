@@ -123,25 +123,24 @@ def test_what_a_seed_draws() -> None:
     source = EpisodeSource(TrackTask("thesis-lab,husky-tile"))
     rng = np.random.default_rng(0)
     drawn = [source.draw_episode(rng) for _ in range(60)]
-    of_each = [
-        [e for e in drawn if e.drive.command_half_track == s.drive.command_half_track]
-        for s in source.sections
-    ]
-    for section, episodes in zip(source.sections, of_each, strict=True):
-        assert len(episodes) > 15
+    for section in source.sections:
+        width = section.drive.command_half_track
+        robots = [(c, d) for c, d, *_ in drawn if d.command_half_track == width]
+        assert len(robots) > 15
         for of, usual, spread in (
-            ([e.calibration.friction for e in episodes], section.parameters.friction, FRICTION),
-            ([e.drive.delay_w for e in episodes], section.drive.delay_w, DELAY),
+            ([c.friction for c, _ in robots], section.parameters.friction, FRICTION),
+            ([d.delay_w for _, d in robots], section.drive.delay_w, DELAY),
         ):
             shares = np.array(of) / usual - 1.0
             assert 0.5 * spread < np.abs(shares).max() <= spread
-    speeds = np.array([e.targets[0, 3] for e in drawn])
+    _, _, starts, targets, _, _ = zip(*drawn, strict=True)
+    speeds = np.array([t[0, 3] for t in targets])
     assert speeds.min() >= 0.19
     assert 0.6 < speeds.max() <= 0.81
-    assert np.array([e.targets[:, 4] for e in drawn]).std() > 0.1
-    assert np.array([e.start.yaw for e in drawn]).std() > 0.1
+    assert np.array([t[:, 4] for t in targets]).std() > 0.1
+    assert np.array([start.yaw for start in starts]).std() > 0.1
     again = source.draw_episode(np.random.default_rng(0))
-    assert (again.calibration, again.start) == (drawn[0].calibration, drawn[0].start)
+    assert again[:3] == drawn[0][:3]
 
 
 def test_a_robot_that_flies_apart_is_lost_and_the_next_one_is_not() -> None:

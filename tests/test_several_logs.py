@@ -237,11 +237,12 @@ def test_a_prediction_uses_the_past_alone(logs: list[Path], tmp_path: Path) -> N
     both = []
     for path in (logs[0], other):
         source = open_source(str(path), "wheels")
-        both.append(adapted_along("kinematic", plant, source, "wheels", 20.0))
-    early = [motion.t <= 49.9 for motion in both[0].motions[:3]]
-    for mine, theirs, before in zip(both[0].motions, both[1].motions, early, strict=False):
+        _, motions, *_ = adapted_along("kinematic", plant, source, "wheels", 20.0)
+        both.append(motions)
+    early = [motion.t <= 49.9 for motion in both[0][:3]]
+    for mine, theirs, before in zip(*both, early, strict=False):
         assert np.allclose(mine.pose[before], theirs.pose[before], atol=1e-9)
-    later = both[0].motions[3].pose - both[1].motions[3].pose
+    later = both[0][3].pose - both[1][3].pose
     assert np.abs(later[early[0]]).max() > 1e-3
 
 

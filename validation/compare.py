@@ -150,7 +150,7 @@ def compare(o: Compare) -> Comparison:
     truth = source.truth if recorded else runs[reference].motions
     gyro = find_gyro_judge(source) if recorded else None
     adapted = _adapted(o, profile, source, runs)
-    runs |= {name: replace(runs[name], motions=each.path) for name, each in adapted.items()}
+    runs |= {name: replace(runs[name], motions=path) for name, (*_, path) in adapted.items()}
     scores = {}
     for name, run in runs.items():
         motions = list(run.motions)

@@ -152,11 +152,11 @@ def chosen_controller(
     if isinstance(controller, type) or is_user_law(controller):
         if gains is not None:
             raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
-        law = load_user_law(controller)
+        name, make = load_user_law(controller)
         linear = profile.plants["linear"]
         system = matrices(linear.vehicle, linear.parameters, linear.drive)
         a, b = (tuple(map(tuple, m.tolist())) for m in system)
-        return PythonController(law.name, law, a, b, linear.drive), None
+        return PythonController(name, make, a, b, linear.drive), None
     if not isinstance(gains, GainSet):
         gains = load_gains(controller, str(gains) if gains else None, profile.name)
     if gains.controller != controller:

@@ -15,7 +15,6 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -40,51 +39,35 @@ def is_user_law(name: str) -> bool:
     return name.endswith(".py") or (bool(colon) and path.endswith(".py"))
 
 
-@dataclass(frozen=True)
-class UserLaw:
-    """A user's class, which makes a controller for a mission; it is called like the class."""
+def _place_of(what: Any, path: Path) -> str:
+    """Return file and line of a class or a function of the user's."""
+    try:
+        return f"{path}:{inspect.getsourcelines(what)[1]}"
+    except (OSError, TypeError):
+        return str(path)
 
-    name: str
-    """The class's name."""
-    path: Path
-    """Its file."""
-    kind: Callable[[Mission], Any]
-    """The class, or a function that makes the object."""
 
-    def __call__(self, mission: Mission) -> Any:
-        """Return the object for a mission.
+def _make_guarded(name: str, path: Path, kind: Callable[[Mission], Any], mission: Mission) -> Any:
+    """Return the user's controller for a mission, whose errors are one line.
 
-        Raises:
-            ControllerError: it cannot be made, or has no `command`; one line.
-        """
-        with _errors_as(self.path, f"in {self.name}.__init__"):
-            controller = self.kind(mission)
-        command = getattr(controller, "command", None)
-        if not callable(command):
-            raise ControllerError(
-                f"{self.place(self.kind)}: {self.name} has no method command(self, now)"
-            )
-        guarded = SimpleNamespace(command=partial(self._command, command))
-        if callable(observe := getattr(controller, "observe", None)):
-            guarded.observe = partial(self._observe, observe)
-        return guarded
+    Args:
+        name: the name of the class.
+        path: its file.
+        kind: the class, or a function that makes the object.
+        mission: its task.
 
-    def place(self, what: Any) -> str:
-        """Return file and line of a class or a function of the user's."""
-        try:
-            return f"{self.path}:{inspect.getsourcelines(what)[1]}"
-        except (OSError, TypeError):
-            return str(self.path)
+    Raises:
+        ControllerError: it cannot be made, or has no `command`.
+    """
+    with _errors_as(path, f"in {name}.__init__"):
+        controller = kind(mission)
+    method = getattr(controller, "command", None)
+    if not callable(method):
+        raise ControllerError(f"{_place_of(kind, path)}: {name} has no method command(self, now)")
 
-    def _observe(self, method: Callable[[ControllerInput], object], now: ControllerInput) -> None:
-        with _errors_as(self.path, f"in {self.name}.observe at t = {now.seen_at:.2f} s"):
-            method(now)
-
-    def _command(
-        self, method: Callable[[ControllerInput], Any], now: ControllerInput
-    ) -> tuple[float, float]:
+    def command(now: ControllerInput) -> tuple[float, float]:
         """Return the user's command; a ControllerError says that it is none."""
-        with _errors_as(self.path, f"in {self.name}.command at t = {now.t:.2f} s"):
+        with _errors_as(path, f"in {name}.command at t = {now.t:.2f} s"):
             answer = method(now)
         try:
             v, w = map(float, answer)
@@ -93,8 +76,19 @@ class UserLaw:
         if not (math.isfinite(v) and math.isfinite(w)):
             returned = f"command returned {shortened(one_line(repr(answer)), 60)}"
             need = "wanted speed [m/s] and yaw rate [rad/s], two finite numbers"
-            raise ControllerError(f"{self.place(method)}: {returned} at t = {now.t:.2f} s; {need}")
+            place = _place_of(method, path)
+            raise ControllerError(f"{place}: {returned} at t = {now.t:.2f} s; {need}")
         return v, w
+
+    guarded = SimpleNamespace(command=command)
+    if callable(watch := getattr(controller, "observe", None)):
+
+        def observe(now: ControllerInput) -> None:
+            with _errors_as(path, f"in {name}.observe at t = {now.seen_at:.2f} s"):
+                watch(now)
+
+        guarded.observe = observe
+    return guarded
 
 
 @contextlib.contextmanager
@@ -186,8 +180,8 @@ def _shown(value: object) -> str:
     return shortened(one_line(repr(value)), 40)
 
 
-def load_user_law(given: str | type) -> UserLaw:
-    """Return the user's class that makes a controller, itself or by `FILE.py:NAME`.
+def load_user_law(given: str | type) -> tuple[str, Callable[[Mission], Any]]:
+    """Return the name of the user's class, itself or by `FILE.py:NAME`, and what makes its object.
 
     Raises:
         ValueError: it is no such class.
@@ -195,10 +189,10 @@ def load_user_law(given: str | type) -> UserLaw:
     kind, path = _loaded(given)
     if not callable(kind):
         raise ValueError(f"{path}: {given} is {_shown(kind)}, wanted a class")
-    law = UserLaw(kind.__name__, path, kind)
+    name = kind.__name__
     if isinstance(kind, type) and not callable(getattr(kind, "command", None)):
-        raise ValueError(f"{law.place(kind)}: class {law.name} has no method command(self, now)")
-    return law
+        raise ValueError(f"{_place_of(kind, path)}: class {name} has no method command(self, now)")
+    return name, partial(_make_guarded, name, path, kind)
 
 
 _MODEL_FILES: dict[str, tuple[str, str, str]] = {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,18 +22,11 @@ from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.searchable import make_space
 from validation.plants.table import plant_kind
 
-
-class Adapted(NamedTuple):
-    """Predictions of a plant whose numbers follow a log."""
-
-    pieces: list[Piece]
-    """The log's pieces once for each set of numbers, with the windows that begin while it holds."""
-    motions: list[Trajectory]
-    """The plant's motion over each of them."""
-    late: list[float]
-    """Delay of its headings there [s]."""
-    path: tuple[Trajectory, ...]
-    """Its motion over each piece of the log, put together from what each set of numbers drives."""
+Adapted = tuple[list[Piece], list[Trajectory], list[float], tuple[Trajectory, ...]]
+"""Predictions of a plant whose numbers follow a log: the log's pieces once for each set of numbers,
+with the windows that begin while it holds; the plant's motion over each of them, and the delay of
+its headings there [s]; and its motion over each piece of the log, put together from what each set
+of numbers drives."""
 
 
 class _Past:
@@ -75,7 +67,9 @@ def adapted_along(
     changes = np.arange(first + seconds, float(truths[-1].t[-1]), seconds)
     driven = Remembered()
     point = problem.begun
-    adapted = Adapted([], [], [], ())
+    pieces = list[Piece]()
+    every = list[Trajectory]()
+    late = []
     sets = []
     for begin, end in zip((-np.inf, *changes), (*changes, np.inf), strict=True):
         known = ends <= begin
@@ -85,13 +79,13 @@ def adapted_along(
         plant = plant_on(problem, point, source)
         motions = motions_of(problem, plant, source)
         sets.append((float(begin), motions))
-        adapted.pieces.extend(replace(piece, begins=(begin, end)) for piece in source.pieces)
-        adapted.motions.extend(motions)
-        adapted.late.append(plant.localiser.yaw_late)
+        pieces += [replace(piece, begins=(begin, end)) for piece in source.pieces]
+        every += motions
+        late.append(plant.localiser.yaw_late)
     path = []
     for k, truth in enumerate(truths):
         path.append(_together(truth.t, [(begin, motions[k]) for begin, motions in sets]))
-    return adapted._replace(path=tuple(path))
+    return pieces, every, late, tuple(path)
 
 
 def _problem(model: str, base: PlantProfile, source: Source, occasion: Occasion) -> FitProblem:

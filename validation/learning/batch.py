@@ -281,17 +281,18 @@ class TrackBatch:
         rows = self._rows
         starts = []
         for i in which:
-            episode = self.source.draw_episode(self._generators[i])
-            self._plants[i] = self.source.make_plant(episode.calibration, episode.drive)
-            starts.append(episode.start)
-            numbers = drive_numbers(episode.drive, VELOCITY_PERIOD, self._plants[i].dt)
+            drawn = self.source.draw_episode(self._generators[i])
+            calibration, drive, start, targets, noise, pushes = drawn
+            self._plants[i] = self.source.make_plant(calibration, drive)
+            starts.append(start)
+            numbers = drive_numbers(drive, VELOCITY_PERIOD, self._plants[i].dt)
             rows.drives[i] = numbers
             rows.ticks[i] = 0
-            wheels = Sides(episode.start.wheel_left, episode.start.wheel_right)
+            wheels = Sides(start.wheel_left, start.wheel_right)
             rows.held[i] = rolling(wheels, numbers)
-            rows.before[i] = (episode.start.v_x, 0.0)
-            rows.targets[i, : len(episode.targets)] = episode.targets
-            rows.noise[i, : len(episode.noise)] = episode.noise
-            self._lengths[i] = len(episode.pushes)
-            self._pushes[i, : len(episode.pushes)] = episode.pushes
+            rows.before[i] = (start.v_x, 0.0)
+            rows.targets[i, : len(targets)] = targets
+            rows.noise[i, : len(noise)] = noise
+            self._lengths[i] = len(pushes)
+            self._pushes[i, : len(pushes)] = pushes
         self._bodies.place(which.tolist(), starts, [self._plants[i] for i in which])

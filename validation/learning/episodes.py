@@ -103,25 +103,6 @@ class TrackTask:
         return (self.speed, self.speed)
 
 
-@dataclass(frozen=True, eq=False)
-class Episode:
-    """One episode, whole before it begins."""
-
-    calibration: Calibration
-    """The robot's numbers."""
-    drive: Drive
-    """The robot's drive."""
-    start: State
-    """The state in which it starts: it rolls straight ahead as it was commanded until then."""
-    targets: FloatArray
-    """(T + 1 + the farthest preview, 5) x, y, heading, speed and yaw rate of the target at each
-    tick."""
-    noise: FloatArray
-    """(T + 1, 5) errors of the feedback in x, y, yaw, speed and yaw rate at each tick."""
-    pushes: FloatArray
-    """(T, n) yaw acceleration at each physics step [rad/s2]."""
-
-
 class EpisodeSource:
     """Everything of which the episodes of a task are made."""
 
@@ -208,8 +189,18 @@ class EpisodeSource:
             return self.waypoints
         return self.waypoints.at_speed(speed)
 
-    def draw_episode(self, rng: np.random.Generator) -> Episode:
-        """Return an episode; equal generators give equal ones."""
+    def draw_episode(
+        self, rng: np.random.Generator
+    ) -> tuple[Calibration, Drive, State, FloatArray, FloatArray, FloatArray]:
+        """Return an episode of T ticks, whole before it begins; equal generators give equal ones.
+
+        Returns:
+            The numbers of the robot and its drive; the state in which it starts, rolling straight
+            ahead as it was commanded until then; (T + 1 + the farthest preview, 5) x, y, heading,
+            speed and yaw rate of the target at each tick; (T + 1, 5) errors of the feedback in x,
+            y, yaw, speed and yaw rate at each tick; and (T, n) yaw accelerations at each physics
+            step [rad/s2].
+        """
         section = self.sections[int(rng.integers(len(self.sections)))]
         calibration, drive = self._draw_robot(section, rng)
         slowest, fastest = self.task.speeds
@@ -235,7 +226,7 @@ class EpisodeSource:
             push = np.random.default_rng([seed, 1])
             dt = VELOCITY_PERIOD / self.steps
             pushes = yaw_disturbance(n * VELOCITY_PERIOD, dt, push).reshape(pushes.shape)
-        return Episode(calibration, drive, start, targets, noise=off, pushes=pushes)
+        return calibration, drive, start, targets, off, pushes
 
     def _draw_robot(
         self, section: PlantProfile, rng: np.random.Generator

@@ -170,6 +170,28 @@ def test_windows_that_are_there_twice_change_little() -> None:
     )
 
 
+def test_a_window_counts_as_its_own_time_and_a_length_as_any_other() -> None:
+    """Windows that begin every second share their time: ten of 30 s tell of causes as one of 3 s.
+
+    Of the reach each length tells as much, however many windows it has.
+    """
+    steps = path(400, 7)
+    predicted = driven(steps)
+    rng = np.random.default_rng(8)
+    few = np.arange(0, 310, 10)
+    many = np.arange(0, 235, 5)
+    bands = []
+    sure, unsure = (0.01 * size * rng.standard_normal((47, 3)) for size in (1.0, 4.0))
+    others = (2.0, predicted, many, many + 20, sure)
+    for seconds, times in ((3.0, 1), (30.0, 10)):
+        i = np.repeat(few, times)
+        same = (seconds, predicted, i, i + 60, np.repeat(unsure[: len(few)], times, axis=0))
+        bands.append(astuple(estimated_band([others, same]) or NOTHING))
+    assert bands[1] == pytest.approx(bands[0], rel=1e-6)
+    alone = astuple(estimated_band([same]) or NOTHING)
+    assert alone[0] > 1.2 * bands[0][0]  # the two lengths disagree, so their weights count
+
+
 def test_four_parts_with_lasting_errors_of_their_own_hold_nine_tenths_of_the_next_one() -> None:
     """Turn gains are drawn for each part.
 

@@ -9,7 +9,7 @@ import pytest
 
 from ssmr.search.space import Parameter, ParameterSpace
 from ssmr.types import FloatArray
-from validation.identify.problem import Day, FitProblem
+from validation.identify.problem import IGNORANCE, Day, FitProblem
 from validation.identify.refine import Remembered, descend
 from validation.identify.uncertainty import estimate
 
@@ -70,6 +70,22 @@ def test_intervals_hold_the_truth(seconds: float, least: float, robust: bool) ->
         held[seed] = (interval[:, 0] <= [0.4, 0.6]) & ([0.4, 0.6] <= interval[:, 1])
     assert np.all(held.mean(axis=0) >= least)
     assert np.all(held.mean(axis=0) <= 0.995)
+
+
+@pytest.mark.parametrize(("column", "each"), [(0.0, 1.0), (1.0, np.sqrt(0.5))])
+def test_what_no_error_sees_stays_as_unknown_as_the_bounds_leave_it(
+    column: float, each: float
+) -> None:
+    """A number that moves nothing, or of two that only their sum moves the difference."""
+    problem = Wave(0.02 * np.random.default_rng(2).normal(size=len(T)), robust=False)
+    problem.shape = np.column_stack([np.ones(len(T)), np.full(len(T), column)])
+    problem.seen = problem.shape @ [0.4, 0.6] + problem.seen - Wave.shape @ [0.4, 0.6]
+    end = np.linalg.lstsq(problem.shape, problem.seen)[0]
+    sure = estimate(cast("FitProblem", problem), end)
+    assert sure.share[1] == pytest.approx(each * IGNORANCE, rel=0.01)
+    seen = np.array([1.0, column])
+    known = seen @ (sure.correlation * np.outer(sure.share, sure.share)) @ seen
+    assert np.sqrt(known) < 0.01 * IGNORANCE
 
 
 def test_each_part_is_left_out_by_a_step_to_the_optimum_of_the_others() -> None:

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from ssmr.errors import ParameterError
-from ssmr.geometry import rotate_body_to_world, yaw_to_quat_wxyz
+from ssmr.errors import DivergedError, ParameterError
+from ssmr.geometry import rotate_body_to_world, wrap_angle, yaw_to_quat_wxyz
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Driver, wheel_references, whole_steps
+from ssmr.robot.bodies import BodyPlant
+from ssmr.robot.drive import wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
-from ssmr.types import Commands, FloatArray, State, Trajectory
+from ssmr.types import Commands, FloatArray, Motion, State, Trajectory
 from validation.descriptions.own_robot import OwnRobot
 from validation.simulator.motors import rates_on_steps
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.terrain import FLAT, Terrain
 
+_YAW = Motion._fields.index("yaw")
 _SAMPLE = 0.01
 """Period that the physics step divides [s]: of samples, commands and logs it is a part."""
 
@@ -49,7 +52,42 @@ class OwnNumbers:
         check_parameters(self)
 
 
-class OwnPlant:
+class _OwnBodies:
+    """Robots of others that advance one after another."""
+
+    def __init__(self, plants: Sequence[OwnPlant], state: State) -> None:
+        """Put the robots into a state."""
+        self._plants = plants
+        self._now = [plant.place(state) for plant in plants]
+        self._motions = np.tile(np.array(state.motion), (len(plants), 1))
+        self._failed = np.zeros(len(plants), dtype=np.bool_)
+
+    @property
+    def gave_up(self) -> NDArray[np.bool_]:
+        """(S,) robots of which the simulator gave up."""
+        return self._failed
+
+    def states(self) -> FloatArray:
+        """Return (S, 10) the fields of `ssmr.types.Motion`; torques are not told, and so 0."""
+        return self._motions.copy()
+
+    def advance(self, references: FloatArray, pushes: FloatArray) -> None:
+        """Take the robots through n physics steps, see `Bodies.advance`."""
+        for i, plant in enumerate(self._plants):
+            if self._failed[i]:
+                continue
+            yaw = self._motions[i, _YAW]
+            try:
+                self._now[i], motion = plant.advance(self._now[i], references[i], pushes[i])
+            except DivergedError:
+                self._failed[i] = True
+                continue
+            self._motions[i] = motion
+            # goes on from the last one
+            self._motions[i, _YAW] = yaw + wrap_angle(motion.yaw - yaw)
+
+
+class OwnPlant(BodyPlant):
     """An MJCF of others that is driven by commands or by wheel rates."""
 
     @mujoco_failures()
@@ -79,7 +117,7 @@ class OwnPlant:
         self._content = content
         self._numbers = numbers
         self._robot = self._built(given_rates=False)
-        self._driver: Driver | None = None
+        self.dt = self._robot.timestep
 
     def _built(self, *, given_rates: bool) -> OwnRobot:
         """Return the robot at rest with the numbers of a fit."""
@@ -111,11 +149,6 @@ class OwnPlant:
     def _given(self) -> OwnRobot:
         """The robot whose wheels turn at given rates."""
         return self._built(given_rates=True)
-
-    @property
-    def dt(self) -> float:
-        """Physics step [s]."""
-        return self._robot.timestep
 
     def run(
         self,
@@ -173,33 +206,28 @@ class OwnPlant:
         apart = 0.5 * (after[:, :2] - after[:, 2:])
         return np.hstack([sides + apart, sides - apart])
 
-    def reset(self, state: State) -> State:
-        """Start from `state`, at rest on its tyres, with empty delay lines and no memory."""
-        self._driver = Driver(self.drive, self.dt, state)
-        self._now = self._placed(self._robot, state)
-        self._state = state
-        return state
+    def make_bodies(self, plants: Sequence[OwnPlant], state: State, workers: int = 1) -> _OwnBodies:
+        """Return robots in a state, at rest on their tyres."""
+        return _OwnBodies(plants, state)
 
-    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
-        """Hold a twist command for `dt` [s].
+    def advance(
+        self, now: FloatArray, rates: FloatArray, push: FloatArray
+    ) -> tuple[FloatArray, Motion]:
+        """Return simulator's state and motion after steps with (n, 2) wheel rates of the sides.
+
+        The yaw is not unwrapped; `push` are (n,) yaw accelerations [rad/s2].
 
         Raises:
             DivergedError: the simulator gave up.
         """
-        if self._driver is None:
-            self.reset(State())
-        assert self._driver is not None  # by `reset`
-        steps = whole_steps(dt, self.dt, "the step")
-        rates = self._numbers.rolling * self._driver.references(command, steps)
-        push = np.full(steps, yaw_acceleration)
-        motion, self._now = self._robot.follow(rates, self._now, push=push)
-        x, y, yaw = self._robot.pose_of(self._now)
-        # goes on from the last one
-        turn = yaw - self._state.yaw
-        yaw = self._state.yaw + math.atan2(math.sin(turn), math.cos(turn))
-        wheels = motion.wheels[-1] * (1.0 / self._numbers.rolling)
-        self._state = State(x, y, yaw, *motion.twist[-1].tolist(), *wheels.tolist())
-        return self._state
+        motion, now = self._robot.follow(self._numbers.rolling * rates, now, push=push)
+        wheels = motion.wheels[-1] / self._numbers.rolling
+        pose = self._robot.pose_of(now)
+        return now, Motion._make([*pose, *motion.twist[-1], *wheels, 0.0, 0.0])
+
+    def place(self, state: State) -> FloatArray:
+        """Return the simulator's state of the robot that is driven by commands, at rest there."""
+        return self._placed(self._robot, state)
 
     def _placed(self, robot: OwnRobot, state: State) -> FloatArray:
         """Return the simulator's state of a robot that rests in `state`."""

@@ -22,7 +22,7 @@ from validation.experiment.runs import drive
 from validation.experiment.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, spin
-from validation.study.contact import Setting, all_settings, balanced
+from validation.study.contact import Setting, all_settings, balanced_robot
 from validation.study.contact_drives import TURNED
 
 _ROBOT = load_robot("husky")
@@ -147,7 +147,7 @@ def draw_speed(section: PlantProfile, measured: dict[str, Setting], ax: Axes) ->
 
 def main() -> None:
     """Draw the three panels."""
-    section = balanced(load_profile("thesis-lab").plants["mujoco"])
+    section = balanced_robot(load_profile("thesis-lab").plants["mujoco"])
     measured = all_settings()
     print(
         "a centre farther aside makes a polygon's robot drive straight: "

@@ -22,7 +22,7 @@ from validation.plants.kind import GROUND_TORQUES
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.study.contact_drives import creep
+from validation.study.contact_drives import creep_speed
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)
@@ -62,7 +62,7 @@ def mujoco_shares(
         weight = motion.channels["wheel_load_N"][late].sum(axis=1).mean()
         torque = motion.channels[GROUND_TORQUES][late].mean(axis=0)
         shares[:, k] = torque / (0.5 * FRICTION * weight * HUSKY.vehicle.wheel_radius)
-    return shares, creep(plant)
+    return shares, creep_speed(plant)
 
 
 def law_shares(rates: FloatArray, scale: float) -> FloatArray:

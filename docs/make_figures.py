@@ -29,7 +29,7 @@ from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model
 from validation.simulator.motors import controls
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, Impedance, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.study.contact_drives import creep
+from validation.study.contact_drives import creep_speed
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)
@@ -324,7 +324,7 @@ def table_rest() -> None:
                 plant = MujocoPlant(
                     calibration, lab_drive(math.inf), settings=PhysicsSettings(impratio=impratio)
                 )
-                speeds.append(f"{1e3 * creep(plant):.3f}")
+                speeds.append(f"{1e3 * creep_speed(plant):.3f}")
             print_row(shape, friction, *speeds)
     print(
         "\nfriction: stop from 0.5 forward, 0.5 sideways, 1.5 forward, "

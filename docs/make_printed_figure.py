@@ -29,7 +29,7 @@ PROFILE = load_profile("thesis-printed")
 NUMBERS = PROFILE.plants["mujoco"].parameters
 AXLE = PROFILE.plants["improved"].vehicle.a
 """Distance of an axle from the middle [m]."""
-GRIP = published.value("3.11", "mu_d") * GRAVITY
+GRIP = published.printed_value("3.11", "mu_d") * GRAVITY
 """Greatest acceleration towards the centre of a curve that mu_d can give [m/s2]."""
 RATES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.82, 0.85, 0.9, 1.0)
 """Commanded yaw rates of the curves [rad/s]."""
@@ -74,7 +74,7 @@ def print_agreement() -> None:
             scenario,
             f"{model.yaw[-1]:.3f}, {robot.yaw[-1]:.3f}",
             f"{1e3 * metrics['d_rms_m']:.0f}, {1e3 * metrics['d_haus_m']:.0f}",
-            f"{1e3 * published.value('3.12', scenario, 'd_rms_m'):.1f}",
+            f"{1e3 * published.printed_value('3.12', scenario, 'd_rms_m'):.1f}",
             f"{np.abs(robot.twist[:, 1]).max():.3f}, {AXLE * rate:.3f}",
             f"{0.5 * np.abs(motion.commands().values[:, 1]).max():.3f}",
         )

@@ -37,7 +37,7 @@ HELD_OUT_FROM = 500.0
 
 
 def limit(model: str, trajectory: str) -> float:
-    return published.value(OWN_TABLE[model], trajectory, "d_rms_m")
+    return published.printed_value(OWN_TABLE[model], trajectory, "d_rms_m")
 
 
 def driven(profile: Profile, source: str, reference: str, plant: str) -> Comparison:

@@ -29,12 +29,12 @@ from validation.study.contact import (
     Setting,
     Trial,
     all_settings,
-    balanced,
+    balanced_robot,
     chosen_settings,
     make_trials,
     study_contact,
 )
-from validation.study.contact_drives import creep, rolling_radius
+from validation.study.contact_drives import creep_speed, rolling_radius
 
 EVERY = all_settings()
 PYRAMIDAL = "cone: pyramidal"
@@ -126,10 +126,10 @@ def test_tyres_roll_with_the_profiles_radius_whatever_the_contact(lab: Profile) 
 
     It is larger by what it is pressed in less.
     """
-    plant = EVERY[DEFAULT].plant(balanced(lab.plants["mujoco"]))
+    plant = EVERY[DEFAULT].plant(balanced_robot(lab.plants["mujoco"]))
     excess = rolling_radius(plant)[0] - plant.calibration.wheel_radius
     assert excess / plant.calibration.wheel_radius == pytest.approx(0.5 * 0.0025 / 0.16, rel=0.1)
-    again = EVERY[DEFAULT].plant(balanced(lab.plants["mujoco"]), -excess)
+    again = EVERY[DEFAULT].plant(balanced_robot(lab.plants["mujoco"]), -excess)
     assert rolling_radius(again)[0] == pytest.approx(plant.calibration.wheel_radius, rel=1e-4)
 
 
@@ -145,7 +145,7 @@ def test_tyres_roll_with_the_profiles_radius_whatever_the_contact(lab: Profile) 
 def test_each_robot_has_its_own_closed_form(
     lab: Profile, changes: dict[str, float | str], settings: PhysicsSettings, error: float
 ) -> None:
-    plant = Setting(settings, changes).plant(balanced(lab.plants["mujoco"]))
+    plant = Setting(settings, changes).plant(balanced_robot(lab.plants["mujoco"]))
     result = measure_spin(spin(plant, 20.0), plant.calibration)
     assert result["multiplier"] == pytest.approx(result["multiplier_expected"], rel=error)
     assert abs(result["multiplier_expected"] - 1.0 - (0.512 / TRACK) ** 2) > 0.02
@@ -165,7 +165,7 @@ def test_the_sideways_drift_is_shown_and_cured(lab: Profile) -> None:
     ]
     wander = []
     for step in steps:
-        plant = EVERY[f"near ODE: {step}"].plant(balanced(lab.plants["mujoco"]))
+        plant = EVERY[f"near ODE: {step}"].plant(balanced_robot(lab.plants["mujoco"]))
         wander.append(measure_spin(spin(plant, 26.0), plant.calibration)["wander_m"])
     assert wander[0] > 0.8
     assert all(b < 0.8 * a for a, b in pairwise(wander))
@@ -174,7 +174,11 @@ def test_the_sideways_drift_is_shown_and_cured(lab: Profile) -> None:
 
 def test_few_asymmetric_iterations_make_a_straight_drive_veer(lab: Profile) -> None:
     veers = [
-        abs(rolling_radius(EVERY[f"solver: PGS, {n}"].plant(balanced(lab.plants["mujoco"])))[1])
+        abs(
+            rolling_radius(EVERY[f"solver: PGS, {n}"].plant(balanced_robot(lab.plants["mujoco"])))[
+                1
+            ]
+        )
         for n in ("1 sweep", "50 sweeps")
     ]
     assert veers[0] > 1e-3
@@ -184,10 +188,12 @@ def test_few_asymmetric_iterations_make_a_straight_drive_veer(lab: Profile) -> N
 def test_creep_falls_as_one_over_impratio(lab: Profile) -> None:
     rows = []
     for ratio in (1.0, 10.0):
-        plant = Setting(PhysicsSettings(impratio=ratio), {}).plant(balanced(lab.plants["mujoco"]))
+        plant = Setting(PhysicsSettings(impratio=ratio), {}).plant(
+            balanced_robot(lab.plants["mujoco"])
+        )
         assert isinstance(plant, MujocoPlant)
         gravity = np.array(plant.model.opt.gravity)
-        rows.append(creep(plant))
+        rows.append(creep_speed(plant))
         assert np.array_equal(plant.model.opt.gravity, gravity)
     assert rows[0] / rows[1] == pytest.approx(10.0, rel=0.02)
 
@@ -213,7 +219,7 @@ def test_a_study_repeats_alone_or_beside_others(small: Report, trials: dict[str,
 
 def test_d_rms_is_the_comparisons(small: Report, lab: Profile) -> None:
     """The study and compare drive the same robot, so they find the same distance."""
-    profile = replace(lab, plants={**lab.plants, "mujoco": balanced(lab.section("mujoco"))})
+    profile = replace(lab, plants={**lab.plants, "mujoco": balanced_robot(lab.section("mujoco"))})
     distances = []
     for name in TRAJECTORIES:
         compared = compare(name, profile, ("mujoco",), "improved")
@@ -224,7 +230,7 @@ def test_d_rms_is_the_comparisons(small: Report, lab: Profile) -> None:
 def test_every_setting_can_be_made(lab: Profile) -> None:
     assert list(chosen_settings(["time step"])) == [BASELINE, "time step: 5 ms"]
     for name, setting in chosen_settings(()).items():
-        assert isinstance(setting.plant(balanced(lab.plants["mujoco"])), MujocoPlant)
+        assert isinstance(setting.plant(balanced_robot(lab.plants["mujoco"])), MujocoPlant)
         assert setting.robot or setting.physics != SHIPPED or name == BASELINE
 
 

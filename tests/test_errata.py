@@ -32,10 +32,11 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from tests.test_docs import tables
-from validation.plants.profile import Profile
-from validation.replicate.control import TrackedTables
-from validation.replicate.lab import late, variance_above
-from validation.replicate.published import printed, value
+from validation.output import silent
+from validation.replicate.chapters import Task
+from validation.replicate.control import track_tables
+from validation.replicate.lab import variance_above, with_late_samples
+from validation.replicate.published import printed_table, printed_value
 
 AGREEMENT = 0.03
 """The published models lie within 0.0145 to 0.0150 m (d_rms, trajectory 4) of the same robot, so
@@ -77,15 +78,15 @@ def test_defaults_are_the_published_parameters() -> None:
         ("3.14", LinearParameters(), {"k_u": "K_u", "k_y": "K_y", "gain": "K_P_tau"}),
     ):
         for ours, theirs in names.items():
-            assert getattr(parameters, ours) == value(number, theirs), (number, ours)
-        assert Drive().delay_v == value(number, "delay_u_s")
-        assert Drive().delay_w == value(number, "delay_w_s")
-        assert Drive().torque_limit == value(number, "tau_max_wheel_N_m")
+            assert getattr(parameters, ours) == printed_value(number, theirs), (number, ours)
+        assert Drive().delay_v == printed_value(number, "delay_u_s")
+        assert Drive().delay_w == printed_value(number, "delay_w_s")
+        assert Drive().torque_limit == printed_value(number, "tau_max_wheel_N_m")
 
 
 def test_scenarios_and_noise_are_the_published_ones() -> None:
     for name, scenario in TRAJECTORIES.items():
-        row = printed("3.6")["rows"][name]
+        row = printed_table("3.6")["rows"][name]
         assert (scenario.speed, scenario.frequency, scenario.amplitude) == (
             row["u_cmd_m_s"],
             row["frequency_hz"],
@@ -99,7 +100,7 @@ def test_scenarios_and_noise_are_the_published_ones() -> None:
         "y": "Y",
         "yaw": "theta",
     }.items():
-        assert getattr(noise, ours) == value("3.4", theirs)
+        assert getattr(noise, ours) == printed_value("3.4", theirs)
 
 
 @pytest.mark.parametrize(("one", "other"), list(itertools.combinations(PUBLISHED, 2)))
@@ -153,7 +154,7 @@ def test_4b_the_linear_friction_carries_four_loads() -> None:
     assert distance(coulomb, one_load) > AGREEMENT
     assert distance(improved, one_load) > AGREEMENT
     ratios = [
-        value("3.15", f"traj{i}", "d_ratio") / value("3.9", f"traj{i}", "d_ratio")
+        printed_value("3.15", f"traj{i}", "d_ratio") / printed_value("3.9", f"traj{i}", "d_ratio")
         for i in (1, 2, 3, 4)
     ]
     assert np.allclose(ratios, 0.9974, atol=1.5e-4)
@@ -235,11 +236,13 @@ def test_15_the_lengths_of_coulomb_and_improved_runs_date_the_recording() -> Non
     trajectory 4 the published factor is 1.0088: a misprint.
     """
     published = [
-        value("3.12", f"traj{i}", "d_ratio") / value("3.9", f"traj{i}", "d_ratio")
+        printed_value("3.12", f"traj{i}", "d_ratio") / printed_value("3.9", f"traj{i}", "d_ratio")
         for i in (1, 2, 3)
     ]
     assert np.allclose(published, 1.00025, atol=1.5e-4)
-    assert value("3.12", "traj4", "d_ratio") / value("3.9", "traj4", "d_ratio") > 1.008
+    assert (
+        printed_value("3.12", "traj4", "d_ratio") / printed_value("3.9", "traj4", "d_ratio") > 1.008
+    )
     for scenario in ("traj2", "traj3", "traj4"):
         improved, coulomb = (
             [
@@ -268,7 +271,7 @@ def test_42_the_printed_distance_drives_a_robot_on_that_has_overtaken() -> None:
 
     As printed the robot leaves, else it comes back.
     """
-    gain = value("4.4", "K_P_rho")
+    gain = printed_value("4.4", "K_P_rho")
     dt = 0.01
     origin = Target(0.0, 0.0, 0.0, 0.0, 0.0, 0)
     ahead = {"printed": 0.1, "used": 0.1}  # how far the robot is ahead of its target
@@ -283,23 +286,25 @@ def test_42_the_printed_distance_drives_a_robot_on_that_has_overtaken() -> None:
 def test_43_the_gaps_of_the_line_are_not_those_of_the_manual_weights() -> None:
     """The steady distance is at least v / K_11, and e^(-K_I T) of it is left at the end."""
     for number, row, speed in (("4.22", "line_0.25", 0.25), ("4.23", "line_0.50", 0.5)):
-        left = math.exp(-value("4.21", "K_I_rho", "manual") * 10.8 / speed)
+        left = math.exp(-printed_value("4.21", "K_I_rho", "manual") * 10.8 / speed)
         gaps = {
             column: speed
-            / math.sqrt(value("4.21", "Q_11", column) / value("4.21", "R_11", column))
+            / math.sqrt(
+                printed_value("4.21", "Q_11", column) / printed_value("4.21", "R_11", column)
+            )
             * left
             for column in ("manual", "optimised")
         }
-        printed = value(number, row, "d_haus_m")
+        printed = printed_value(number, row, "d_haus_m")
         assert gaps["manual"] > 1.6 * printed
         assert gaps["optimised"] == pytest.approx(printed, rel=0.1)
 
 
-def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both(lab: Profile) -> None:
+def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both() -> None:
     """The printed lengths and gaps at 0.25 m/s, with weights as printed and as supposed."""
-    tables = TrackedTables(lab, 2)
-    for number in ("4.22", "4.24"):
-        ((_, pairs),) = tables.rows(number).items()
+    tables = track_tables(("4.22", "4.24"), Task(0, 1, silent, draws=2))
+    for number in tables:
+        ((_, pairs),) = tables[number].items()
         printed, manual, supposed = (
             {m: getattr(pair, name) for m, pair in pairs.items()}
             for name in ("published", "ours", "supposed")
@@ -313,7 +318,7 @@ def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both(lab: Profile) 
 
 def test_44_the_high_pass_filter_takes_noise_away_too() -> None:
     """White noise of the printed variance leaves less than that behind the printed filter."""
-    printed = value("3.4", "dx")
+    printed = printed_value("3.4", "dx")
     for rate, share in ((50.0, 0.623), (120.0, 0.843)):
         noise = np.random.default_rng(44).normal(0.0, math.sqrt(printed), 100_000)
         assert variance_above(noise, rate) == pytest.approx(share * printed, rel=0.02)
@@ -328,15 +333,15 @@ def test_45_wrong_stamps_make_x_noisy_and_nothing_else() -> None:
     )
     log = simulate_sensors(motion, np.random.default_rng(1), rate=50.0)
     seen = run_ekf(log, EkfSettings(), State(v_x=0.5))
-    off = late(motion, seen, 0.010, np.random.default_rng(2))
+    off = with_late_samples(motion, seen, 0.010, np.random.default_rng(2))
     (x, y, dx), (x_off, y_off, dx_off) = (
         [variance_above(values, 50.0) for values in (m.pose[:, 0], m.pose[:, 1], m.twist[:, 0])]
         for m in (seen, off)
     )
-    assert x < value("3.4", "X") / 1e3
-    assert y < value("3.4", "Y")
+    assert x < printed_value("3.4", "X") / 1e3
+    assert y < printed_value("3.4", "Y")
     # at the faster of the speeds of Tab. 3.3
-    assert value("3.4", "X") < x_off < 2.5 * value("3.4", "X")
+    assert printed_value("3.4", "X") < x_off < 2.5 * printed_value("3.4", "X")
     assert (y_off, dx_off) == pytest.approx((y, dx), rel=0.05)
 
 
@@ -355,7 +360,7 @@ def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
     model = linear.matrices(robot.vehicle, LinearParameters(), robot.drive)
     start = State(y=1e-3, v_x=0.5, wheel_left=0.5 / 0.1651, wheel_right=0.5 / 0.1651)
     for name, (bound, row, column) in bounds.items():
-        gains = printed("4.4")["rows"][row]
+        gains = printed_table("4.4")["rows"][row]
         values = (gains["optimised"], 0.95 * bound, 1.05 * bound, gains["search"][1])
         laws = [design("pid", {name: value}, *model) for value in values]
         runs = run_loops([robot] * 4, laws, [seen] * 4, line(0.5, 20.0), [0], start)

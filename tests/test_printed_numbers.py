@@ -42,8 +42,10 @@ def test_shipped_gains_are_the_printed_ones(name: str) -> None:
     number, column = FROM[name]
     gains = load_gains(controller, name)
     theirs = PRINTED[controller]
-    assert list(gains.values.values()) == [published.value(number, each, column) for each in theirs]
-    assert set(theirs) == set(published.printed(number)["rows"])
+    assert list(gains.values.values()) == [
+        published.printed_value(number, each, column) for each in theirs
+    ]
+    assert set(theirs) == set(published.printed_table(number)["rows"])
     assert gains.provenance["table"] == number
     assert f"Tab. {number}" in gains.source
     assert (
@@ -53,7 +55,7 @@ def test_shipped_gains_are_the_printed_ones(name: str) -> None:
 
 
 def test_the_switch_is_the_published_one() -> None:
-    assert published.value("text", "alpha_switch_distance") == ALPHA_SWITCH
+    assert published.printed_value("text", "alpha_switch_distance") == ALPHA_SWITCH
 
 
 @pytest.mark.parametrize("disturbed", [False, True])
@@ -74,11 +76,15 @@ def test_published_gains_on_the_published_model_reproduce_the_published_line(
     run = drive(model("improved"), Controller(gains, A, B), way, settings)
     metrics = compare_paths(run.motion, way.trajectory(float(run.t[1])))
     gap = way.length - run.state.x
-    assert metrics["d_ratio"] == pytest.approx(published.value(number, row, "d_ratio"), abs=0.001)
-    assert metrics["d_haus_m"] == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
+    assert metrics["d_ratio"] == pytest.approx(
+        published.printed_value(number, row, "d_ratio"), abs=0.001
+    )
+    assert metrics["d_haus_m"] == pytest.approx(
+        published.printed_value(number, row, "d_haus_m"), rel=0.25
+    )
     assert metrics["d_haus_m"] == pytest.approx(gap, rel=0.01)
     predicted = speed / gains.k_p_rho * math.exp(-gains.k_i_rho / gains.k_p_rho * way.duration)
-    assert predicted == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
+    assert predicted == pytest.approx(published.printed_value(number, row, "d_haus_m"), rel=0.25)
     if not disturbed:  # noise moves the end by some millimetres
         assert gap == pytest.approx(predicted, rel=0.03)  # the slow root to first order
 
@@ -88,9 +94,9 @@ def lengths_by(number: str) -> tuple[float, float]:
 
     A robot short by d_haus lacks the share 1 - d_ratio.
     """
-    (row,) = published.printed(number)["rows"]
-    gap = published.value(number, row, "d_haus_m")
-    missing = 1.0 - published.value(number, row, "d_ratio")
+    (row,) = published.printed_table(number)["rows"]
+    gap = published.printed_value(number, row, "d_haus_m")
+    missing = 1.0 - published.printed_value(number, row, "d_ratio")
     return (gap - LAST_DIGIT) / (missing + LAST_DIGIT), (gap + LAST_DIGIT) / (missing - LAST_DIGIT)
 
 

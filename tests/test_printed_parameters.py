@@ -49,13 +49,13 @@ def test_the_profile_has_the_printed_numbers() -> None:
     section = printed().plants["mujoco"]
     numbers = section.parameters
     assert numbers.friction * numbers.friction_ratio == pytest.approx(
-        published.value("3.11", "mu_d")
+        published.printed_value("3.11", "mu_d")
     )
-    assert numbers.rolling_resistance == published.value("3.11", "u_x")
-    assert numbers.gain == published.value("3.11", "K_P_tau")
-    assert numbers.mass == published.value("3.1", "mass")
-    assert 2.0 * numbers.half_track == published.value("3.1", "track_width")
-    assert section.drive.torque_limit == published.value("3.8", "tau_max_wheel_N_m")
+    assert numbers.rolling_resistance == published.printed_value("3.11", "u_x")
+    assert numbers.gain == published.printed_value("3.11", "K_P_tau")
+    assert numbers.mass == published.printed_value("3.1", "mass")
+    assert 2.0 * numbers.half_track == published.printed_value("3.1", "track_width")
+    assert section.drive.torque_limit == published.printed_value("3.8", "tau_max_wheel_N_m")
     assert section.drive.command_half_track == numbers.half_track
     assert section.localiser.point == (0.0, 0.0)
     assert printed().plants["improved"] == load_profile("thesis-lab").plants["improved"]

@@ -27,7 +27,7 @@ from validation.replicate.chapters import (
     Task,
     chapter_of,
     chosen_sections,
-    template,
+    read_template,
 )
 from validation.replicate.control import (
     CONTROL_TABLES,
@@ -35,13 +35,13 @@ from validation.replicate.control import (
     K_33,
     PATH_RATE_HZ,
     TUNED_TABLES,
-    TrackedTables,
     supposed_gains,
     supposed_path,
+    track_tables,
 )
 from validation.replicate.lab import high_pass, variance_above
-from validation.replicate.models import alternations
-from validation.replicate.published import value
+from validation.replicate.models import alternating_samples
+from validation.replicate.published import printed_value
 from validation.replicate.run import ALL_SECTIONS
 from validation.replicate.verdicts import EVIDENCE, STATUSES
 
@@ -77,7 +77,7 @@ def test_sections_are_chosen_by_key_and_by_table_in_their_own_order() -> None:
 
 def test_every_template_has_a_caption_for_each_of_its_tables() -> None:
     for each in ALL_SECTIONS:
-        text = template(each.key.partition("-")[0]).splitlines()
+        text = read_template(each.key.partition("-")[0]).splitlines()
         headings = [line[3:].partition(": ")[0] for line in text if line.startswith("## ")]
         spans = [h.split("–") for h in headings if not h.startswith("{")]
         assert len(headings) == len(each.tables) or {t for span in spans for t in span} <= set(
@@ -105,7 +105,7 @@ def test_files_hold_every_number_beside_ours_with_a_verdict(
             for metric, pair in metrics.items():
                 assert {"published", "ours"} <= set(pair)
                 assert pair["verdict"] == "agrees" or pair["reason"], (number, row, metric)
-    for row, printed in published.printed("3.9")["rows"].items():
+    for row, printed in published.printed_table("3.9")["rows"].items():
         assert {
             m: document["tables"]["3.9"]["rows"][row][m]["published"] for m in printed
         } == printed
@@ -117,7 +117,7 @@ def test_files_hold_every_number_beside_ours_with_a_verdict(
         s: sum(some[s] for some in document["evidence"].values()) for s in STATUSES
     }
     text = (tmp_path / "replicate.md").read_text(encoding="utf-8")
-    assert all(f"| {row} |" in text for row in published.printed("3.8")["rows"])
+    assert all(f"| {row} |" in text for row in published.printed_table("3.8")["rows"])
     assert "{" not in text
 
 
@@ -160,13 +160,13 @@ def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis(
 
 
 def test_alternations_are_samples_of_another_sign_than_both_neighbours() -> None:
-    assert alternations(np.array([1.0, -1.0, 1.0, -1.0, -1.0, 2.0])) == 2
-    assert alternations(np.sin(np.linspace(0.0, 20.0, 500))) == 0
+    assert alternating_samples(np.array([1.0, -1.0, 1.0, -1.0, -1.0, 2.0])) == 2
+    assert alternating_samples(np.sin(np.linspace(0.0, 20.0, 500))) == 0
 
 
 def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
     for controller, number in TUNED_TABLES.items():
-        assert {row["ours"] for row in published.printed(number)["rows"].values()} == {
+        assert {row["ours"] for row in published.printed_table(number)["rows"].values()} == {
             *FIELDS[controller]
         }
 
@@ -175,20 +175,20 @@ def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
 # tracked references
 
 
-def test_the_line_comes_out_as_printed_and_the_husky_as_near_the_prediction_as_the_real_robot(
-    lab: Profile,
-) -> None:
+def test_the_line_comes_out_as_printed_and_the_husky_as_near_the_prediction_as_the_real_robot() -> (
+    None
+):
     """Tab. 4.5 and 4.6 have certain geometry and gains.
 
     Gap at the end and length agree within the spread of four seeds.
     """
-    tables = TrackedTables(lab, 4)
+    tables = track_tables(("4.5", "4.6", "4.13"), TASK._replace(draws=4))
     for number in ("4.5", "4.6"):
-        ((_, pairs),) = tables.rows(number).items()
+        ((_, pairs),) = tables[number].items()
         assert pairs["d_haus_m"].ours == pytest.approx(pairs["d_haus_m"].published, rel=0.2)
         assert pairs["d_ratio"].ours == pytest.approx(pairs["d_ratio"].published, abs=1e-3)
-        assert len(tables.compared(number)) == 4
-    real = tables.rows("4.13")["line_0.25"]["d_rms_m"]
+        assert pairs["d_ratio"].spread is not None
+    real = tables["4.13"]["line_0.25"]["d_rms_m"]
     assert (real.ours or math.inf) <= (real.published or 0.0)
 
 
@@ -224,8 +224,8 @@ def test_a_robot_that_turns_as_its_wheels_ask_never_drives_straight() -> None:
 
 
 def test_sixteen_starts_differ_a_little_and_one_is_the_thesis_own() -> None:
-    assert gazebo.starts(1) == [(0.0, 0.001)]
-    yaw, step = np.array(gazebo.starts(16)).T
+    assert gazebo.start_states(1) == [(0.0, 0.001)]
+    yaw, step = np.array(gazebo.start_states(16)).T
     assert len({*yaw}) == len({*step}) == 16
     assert (yaw.min(), yaw.max(), abs(yaw.sum())) == pytest.approx((-0.035, 0.035, 0.0), abs=1e-12)
     assert np.abs(step - 0.001).max() < 0.0002
@@ -255,17 +255,17 @@ def test_gazebo_s_pyramid_along_the_worlds_axes_is_as_fast_as_the_thesis_saw_and
     So the lost direction is a conjecture (docs/why_drift.md).
     """
     installed_plant(lab, "ode")
-    measured = gazebo.driven_on_trajectory_3("pyramid", "world", gazebo.starts(1)[0])
-    assert 0.4 < measured.excess < 0.5
-    assert measured.turning_share < 0.01
-    assert measured.opposite_share < 0.02
+    measured = gazebo.drive_trajectory_3("pyramid", "world", gazebo.start_states(1)[0])
+    assert 40.0 < measured["speed_excess"] < 50.0
+    assert measured["turning_share"] < 0.01
+    assert measured["opposite_share"] < 0.02
 
 
 # --- the high-pass filter of Sec. 3.4.4 against its definition ---
 
-PASSBAND = value("text", "noise_highpass_frequency")
-EDGE = PASSBAND * (1.0 - 0.5 * (1.0 - value("text", "noise_highpass_steepness")))
-DECIBEL = 10.0 ** (-value("text", "noise_highpass_attenuation") / 20.0)
+PASSBAND = printed_value("text", "noise_highpass_frequency")
+EDGE = PASSBAND * (1.0 - 0.5 * (1.0 - printed_value("text", "noise_highpass_steepness")))
+DECIBEL = 10.0 ** (-printed_value("text", "noise_highpass_attenuation") / 20.0)
 
 
 @pytest.mark.parametrize("rate", [25.0, 50.0, 120.0, 1000.0])

@@ -22,13 +22,13 @@ from validation.report.report import Report
 from validation.study import transfer
 from validation.study.transfer import (
     TransferStudy,
-    agreement,
-    choice,
+    chosen_column,
+    cost_agreement,
     mean_costs,
     missions_of,
-    places,
     rank_correlation,
-    regret,
+    rank_places,
+    regret_of_choice,
     study_transfer,
 )
 
@@ -54,11 +54,11 @@ def two_tables(draw: st.DrawFn) -> tuple[FloatArray, FloatArray]:
 def test_a_plant_agrees_with_itself(tables: tuple[FloatArray, FloatArray]) -> None:
     costs, _ = tables
     with patch.object(transfer, "_DRAWS", 1):  # intervals are not asked for
-        same = agreement(costs, costs)
+        same = cost_agreement(costs, costs)
     assert (same["regret"], same["same_winner"]) == (0.0, len(costs))
     tau = rank_correlation(costs, costs)
     assert tau == pytest.approx(1.0, abs=ROUNDOFF) or (
-        math.isnan(tau) and len(set(places(costs).tolist())) == 1
+        math.isnan(tau) and len(set(rank_places(costs).tolist())) == 1
     )
 
 
@@ -70,24 +70,24 @@ def test_the_order_of_controllers_is_of_no_account(
     order = data.draw(st.permutations(range(costs.shape[1])))
     mixed = costs[:, order]
     true = truth[:, order]
-    assert (places(mixed) == places(costs)[list(order)]).all()
+    assert (rank_places(mixed) == rank_places(costs)[list(order)]).all()
     assert rank_correlation(mixed, true) == pytest.approx(
         rank_correlation(costs, truth), abs=ROUNDOFF, nan_ok=True
     )
-    assert regret(mixed, true) == regret(costs, truth)
+    assert regret_of_choice(mixed, true) == regret_of_choice(costs, truth)
 
 
 @given(two_tables())
 def test_who_loses_more_is_placed_behind(tables: tuple[FloatArray, FloatArray]) -> None:
     costs, truth = tables
     lost = np.isinf(costs).sum(axis=0)
-    place = places(costs)
+    place = rank_places(costs)
     for a in range(costs.shape[1]):
         for b in range(costs.shape[1]):
             assert lost[a] <= lost[b] or place[a] > place[b]
-    chosen = choice(costs, truth)
+    chosen = chosen_column(costs, truth)
     assert lost[chosen] == lost.min()
-    assert 0.0 <= regret(costs, truth) or np.isinf(truth).any(), (
+    assert 0.0 <= regret_of_choice(costs, truth) or np.isinf(truth).any(), (
         "of those that keep all, none is better than the best"
     )
 
@@ -95,7 +95,7 @@ def test_who_loses_more_is_placed_behind(tables: tuple[FloatArray, FloatArray]) 
 def test_rank_correlation_and_regret_of_a_hand_made_table() -> None:
     truth = np.array([[1.0, 2.0, 4.0], [3.0, 4.0, 6.0]])
     model = np.array([[2.0, 1.0, 9.0]] * 2)
-    measured = agreement(model, truth)
+    measured = cost_agreement(model, truth)
     assert measured["tau"] == pytest.approx(1.0 / 3.0, rel=ROUNDOFF), (
         "one pair of three is turned round"
     )
@@ -103,11 +103,11 @@ def test_rank_correlation_and_regret_of_a_hand_made_table() -> None:
     assert measured["regret"] == pytest.approx(3.0 / 2.0 - 1.0, rel=ROUNDOFF)
     assert rank_correlation(-model, truth) == pytest.approx(-1.0 / 3.0, rel=ROUNDOFF)
     lost = np.array([[1.0, math.inf, 4.0], [3.0, 1.0, 6.0]])
-    assert places(lost).tolist() == [0, 2, 1]
+    assert rank_places(lost).tolist() == [0, 2, 1]
     assert mean_costs(lost).tolist() == [2.0, 1.0, 5.0]
-    assert regret(model, lost) == math.inf
+    assert regret_of_choice(model, lost) == math.inf
     assert math.isnan(rank_correlation(np.ones((1, 3)), truth[:1])), "who cannot tell has no ranks"
-    assert regret(np.ones((1, 3)), truth[:1]) == 3.0, "who cannot tell may take the worst"
+    assert regret_of_choice(np.ones((1, 3)), truth[:1]) == 3.0, "who cannot tell may take the worst"
 
 
 @pytest.fixture(scope="module")

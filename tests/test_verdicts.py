@@ -24,8 +24,8 @@ from validation.replicate.verdicts import (
     Supposed,
     Verdict,
     criterion_of,
-    entries,
-    judge,
+    entries_of,
+    judge_number,
     judge_row,
 )
 
@@ -34,7 +34,7 @@ POSITIVE = st.floats(1e-4, 1e4)
 
 
 def status(pair: Pair) -> str:
-    return judge("0.0", "row", "metric", pair, ()).status
+    return judge_number("0.0", "row", "metric", pair, ()).status
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_agreeing_in_distance_is_mutual(a: float, b: float) -> None:
 def test_words_have_two_sides(share: float, spread: float, verdict: str) -> None:
     """A robot that always drives straight does not drive straight "at some point"."""
     assert (
-        judge(
+        judge_number(
             "Sec. 3.7", "pyramid", "straight_share", Pair(None, share, "words", spread=spread), ()
         ).status
         == verdict
@@ -109,11 +109,11 @@ def test_no_error_bar_makes_numbers_agree(a: float, b: float, spread: float) -> 
 
 
 def test_every_criterion_names_rows_and_words_with_two_sides() -> None:
-    for criterion in entries("criterion"):
+    for criterion in entries_of("criterion"):
         assert criterion.evidence in EVIDENCE
         assert all(low < high < float("inf") for low, high in criterion.within.values())
         for table in criterion.tables:
-            rows = published.printed(table)["rows"] if table[0].isdigit() else {}
+            rows = published.printed_table(table)["rows"] if table[0].isdigit() else {}
             for row in criterion.rows if rows else ():
                 assert any(
                     r == row or (row.endswith("*") and r.startswith(row[:-1])) for r in rows
@@ -166,7 +166,9 @@ def test_a_row_agrees_under_a_supposition_only_in_all_its_numbers() -> None:
         "agrees": {"d_haus_m": pairs["d_haus_m"]},
     }
     for status, row in rows.items():
-        measured = judge_row(row, {m: judge("0.0", "row", m, pair, ()) for m, pair in row.items()})
+        measured = judge_row(
+            row, {m: judge_number("0.0", "row", m, pair, ()) for m, pair in row.items()}
+        )
         assert measured.status == status
         assert status != "agrees if" or measured == Verdict(
             "agrees if", "it agrees if the floor was wet", SUPPOSED_ON
@@ -177,20 +179,22 @@ def test_a_difference_without_reason_says_so_and_agreement_needs_none() -> None:
     about = {"tables": ("9.9",), "rows": ("a*",), "metrics": ("d_rms_m",), "when": ("differs",)}
     known = (Entry(text="the moon", see="page.md", **about),)  # type: ignore[arg-type]
     far, near, same = (Pair(1.0, x, "distance") for x in (9.0, 0.1, 1.0))
-    assert judge("9.9", "a1", "d_rms_m", far, known) == Verdict("differs", "the moon", "page.md")
+    assert judge_number("9.9", "a1", "d_rms_m", far, known) == Verdict(
+        "differs", "the moon", "page.md"
+    )
     for table, row, metric, pair in (
         ("9.8", "a1", "d_rms_m", far),
         ("9.9", "b", "d_rms_m", far),
         ("9.9", "a1", "d_haus_m", far),
         ("9.9", "a1", "d_rms_m", near),
     ):
-        assert judge(table, row, metric, pair, known).reason == UNEXPLAINED
-    assert judge("9.9", "a1", "d_rms_m", same, known) == Verdict("agrees")
+        assert judge_number(table, row, metric, pair, known).reason == UNEXPLAINED
+    assert judge_number("9.9", "a1", "d_rms_m", same, known) == Verdict("agrees")
 
 
 def test_every_known_reason_is_about_something_printed_and_shown_on_a_page() -> None:
     errata = (DOCS / "errata.md").read_text(encoding="utf-8")
-    for reason in entries("reason"):
+    for reason in entries_of("reason"):
         page, _, number = reason.see.partition(", ")
         assert (DOCS / page).is_file(), reason.see
         assert not number or re.search(rf"^\| {number} \|", errata, re.MULTILINE), reason.see
@@ -199,7 +203,7 @@ def test_every_known_reason_is_about_something_printed_and_shown_on_a_page() -> 
         for table in reason.tables:
             if not table[0].isdigit():
                 continue
-            rows = published.printed(table)["rows"]
+            rows = published.printed_table(table)["rows"]
             for row in reason.rows:
                 assert any(
                     r == row or (row.endswith("*") and r.startswith(row[:-1])) for r in rows

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
 from validation.output import Progressing, markdown
 from validation.replicate.verdicts import JudgedRow, Rows, judged_rows
@@ -21,6 +22,7 @@ from validation.report.columns import Unit, ending_of
 from validation.report.drawing import PanelRow
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import Row, Table, markdown_table
+from validation.sweep import Measure, Variant, sweep
 
 
 class Task(NamedTuple):
@@ -101,7 +103,7 @@ def chosen_sections(sections: Sequence[Section], names: Sequence[str]) -> list[S
     return [s for s in sections if not {s.key, *s.tables}.isdisjoint(names)]
 
 
-def template(name: str) -> str:
+def read_template(name: str) -> str:
     """Return the text of a template, whose places wait for numbers."""
     file = resources.files("validation.replicate") / f"templates/{name}.md"
     return file.read_text(encoding="utf-8")
@@ -130,7 +132,7 @@ class Chapter(NamedTuple):
 
 def chapter_of(section: Section, findings: Findings) -> Chapter:
     """Return the findings of a section as a chapter."""
-    filled = template(section.key.partition("-")[0]).format_map(dict(findings.words))
+    filled = read_template(section.key.partition("-")[0]).format_map(dict(findings.words))
     title, *lines = filled.strip().splitlines()
     tables = []
     sentences = []
@@ -143,15 +145,15 @@ def chapter_of(section: Section, findings: Findings) -> Chapter:
         lower = order_of(first)
         upper = order_of(last or first)
         rows = [row for row in findings.rows if lower <= order_of(row.table) <= upper]
-        tables.append(_side_by_side(f"{named(numbers)}. {caption}", rows))
+        tables.append(_side_by_side(f"{table_name(numbers)}. {caption}", rows))
     text = "\n".join(sentences).strip()
-    where = ", ".join(map(named, section.tables))
+    where = ", ".join(map(table_name, section.tables))
     if len(section.tables) > 2:
-        where = f"{named(section.tables[0])}–{section.tables[-1]}"
+        where = f"{table_name(section.tables[0])}–{section.tables[-1]}"
     return Chapter(f"{title.removeprefix('# ')} ({where})", [*tables, *findings.more], text)
 
 
-def deviation(values: Sequence[float] | FloatArray) -> float | None:
+def standard_deviation(values: Sequence[float] | FloatArray) -> float | None:
     """Return the standard deviation of some numbers; None of a single one."""
     if len(values) > 1:
         return float(np.std(values, ddof=1))
@@ -163,7 +165,7 @@ def unit_of_metric(metric: str) -> str:
     return "m" if metric.endswith("_m") else "1"
 
 
-def finished(report: Report) -> dict[str, Any]:
+def finished_results(report: Report) -> dict[str, Any]:
     """Return a search's results as its JSON file has them; Ctrl-C in it is one here."""
     found = report.as_dict()
     if found["status"] == INTERRUPTED:
@@ -171,7 +173,23 @@ def finished(report: Report) -> dict[str, Any]:
     return found
 
 
-def named(number: str) -> str:
+def swept_rows(
+    variants: Mapping[str, Variant], measure: Measure[Variant], task: Task
+) -> Sequence[Row]:
+    """Return what is measured of each variant, in their order; Ctrl-C in a sweep is one here.
+
+    Raises:
+        SsmrError: a measure failed.
+    """
+    swept = sweep(variants, {"run": measure}, workers=task.workers, progress=task.progress)
+    if swept.status == INTERRUPTED:
+        raise KeyboardInterrupt
+    if swept.notes:
+        raise SsmrError(" ".join(swept.notes))
+    return swept.rows
+
+
+def table_name(number: str) -> str:
     """The name of a table, such as `Tab. 3.9`; a section or figure without one keeps its own."""
     if number[0].isdigit():
         return f"Tab. {number}"
@@ -203,7 +221,7 @@ def _side_by_side(title: str, rows: Sequence[JudgedRow]) -> Table:
         head = {"Tab.": row.table} if several else {}
         evidence = row.criterion.evidence if row.is_printed else None
         if row.is_printed and row.whole.reason:
-            names_by_reason.setdefault(_reason(row), []).append(head.get("Tab.", row.name))
+            names_by_reason.setdefault(_verdict_reason(row), []).append(head.get("Tab.", row.name))
         verdict = {"verdict": row.whole.status, "evidence": evidence}
         if wide:
             line = {**head, "row": row.name.replace("_", " "), **verdict}
@@ -215,7 +233,7 @@ def _side_by_side(title: str, rows: Sequence[JudgedRow]) -> Table:
             what = {"what": metric.replace("_", " ")} if len(units) > 1 else {}
             if len(row.pairs) > 1:
                 verdict["verdict"] = row.verdicts[metric].status
-            columns = _columns(row, metric)
+            columns = _number_columns(row, metric)
             lines.append({**head, "row": row.name, **what, "unit": pair.unit, **verdict, **columns})
     used = {key for line in lines for key, value in line.items() if value is not None}
     headings = {key: key.removesuffix(ending_of(key)) for key in used} if wide else {}
@@ -225,13 +243,13 @@ def _side_by_side(title: str, rows: Sequence[JudgedRow]) -> Table:
     return Table(title, kept, caption, units=ratios, headings=headings)
 
 
-def _reason(row: JudgedRow) -> str:
+def _verdict_reason(row: JudgedRow) -> str:
     """Return why a row has its verdict, and the page of docs/ that shows it."""
     source = f" (docs/{row.whole.see})" if row.whole.see else ""
     return f"{row.whole.reason}{source}"
 
 
-def _columns(row: JudgedRow, metric: str) -> dict[str, Any]:
+def _number_columns(row: JudgedRow, metric: str) -> dict[str, Any]:
     """Columns of one number of a row."""
     pair = row.pairs[metric]
     limits = zip(("least", "most"), row.criterion.within.get(metric, ()), strict=False)
@@ -249,16 +267,16 @@ def _columns(row: JudgedRow, metric: str) -> dict[str, Any]:
 def _metric_columns(row: JudgedRow, metric: str) -> Row:
     """The same, named after the metric; a spread makes a number an interval to both sides."""
     pair = row.pairs[metric]
-    columns = _columns(row, metric)
-    columns["ours"] = _interval(pair.ours, columns.pop("spread"))
+    columns = _number_columns(row, metric)
+    columns["ours"] = _printed_interval(pair.ours, columns.pop("spread"))
     if pair.supposed is not None:
-        columns["supposed"] = _interval(pair.supposed.value, pair.supposed.spread)
+        columns["supposed"] = _printed_interval(pair.supposed.value, pair.supposed.spread)
     ending = ending_of(metric)
     stem = metric.removesuffix(ending)
     return {f"{stem} {name}{ending}": value for name, value in columns.items()}
 
 
-def _interval(
+def _printed_interval(
     value: float | None, spread: float | None
 ) -> float | tuple[float, float, float] | None:
     if value is None or spread is None:

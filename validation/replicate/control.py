@@ -15,28 +15,25 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
-from ssmr.types import FloatArray, Trajectory
+from ssmr.types import Trajectory
 from validation.experiment.gains import GainSet, load_gains
-from validation.experiment.loops import make_controller, make_robot, run_robots
-from validation.experiment.tracked import reference_of, saturated
-from validation.experiment.waypoint_files import open_reference
-from validation.output import Progress
-from validation.plants.profile import Profile, load_profile
+from validation.experiment.tracked import saturated
 from validation.replicate import published
 from validation.replicate.chapters import (
     Findings,
     Section,
     Task,
-    deviation,
-    finished,
+    finished_results,
+    standard_deviation,
+    swept_rows,
     unit_of_metric,
 )
 from validation.replicate.verdicts import (
@@ -53,6 +50,8 @@ from validation.report.drawing import (
     plain_ticks,
 )
 from validation.report.palette import VERDICT_INKS
+from validation.report.table import Row
+from validation.track import track
 from validation.tune import tune
 
 _PROFILE = "thesis-lab"
@@ -77,6 +76,8 @@ _DRIVEN = (
     f"the LQR drove with K_11 = {K_11:g} and K_33 = {K_33:g} 1/s and no weight on the rates, "
     "instead of the manual column of Tab. 4.21"
 )
+_SATURATED = {"pid": "published", "lqr": "manual"}
+"""Gains with which motors are watched, by controller."""
 _REAL_SEEDS = 1000
 """First seed of the MuJoCo robot's noise, since the real robot's noise was not the simulation's."""
 
@@ -103,7 +104,7 @@ def _tune_gains(controller: str, task: Task) -> Findings:
             workers=task.workers,
             progress=task.progress,
         )
-        searches.append(finished(tuned))
+        searches.append(finished_results(tuned))
     number = TUNED_TABLES[controller]
     best = min(searches, key=lambda search: search["cost"])
     baseline = best["baseline_cost"]
@@ -120,9 +121,9 @@ def _tune_gains(controller: str, task: Task) -> Findings:
 def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping[str, Any]) -> Rows:
     """The thesis' gains beside those of the best search, as tune.json has them, and its cost."""
     rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.printed(number)["rows"].items():
+    for row, printed in published.printed_table(number)["rows"].items():
         name = printed["ours"]
-        spread = deviation([search["gains"][name] for search in searches])
+        spread = standard_deviation([search["gains"][name] for search in searches])
         obstacle = "" if spread is not None else "a single search has no spread"
         if name not in best["parameters"]:
             obstacle = "set by hand in the thesis; taken over"
@@ -141,100 +142,100 @@ def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping
             printed_bounds=printed.get("search", ()),
         )
         rows[row] = {"optimised": pair}
-    spread = deviation([search["cost"] for search in searches])
+    spread = standard_deviation([search["cost"] for search in searches])
     baseline = best["baseline_cost"]
     beside = {} if baseline is None else {"with_the_published_gains": baseline}
     rows["cost"] = {"optimised": Pair(None, best["cost"], "none", "1", spread, beside)}
     return rows
 
 
-class TrackedTables:
-    """The runs along the references of the thesis' tables, each driven once, and their rows."""
+def measure_draw(number: str, seed: int, supposed: bool = False) -> Row:
+    """Return the metrics of a table, see `RULE_OF`, with one draw of noise and disturbance.
 
-    def __init__(self, profile: Profile, seeds: int, workers: int | str | None = None) -> None:
-        """Build the robots.
+    There are none where a robot lost the reference.
 
-        Args:
-            profile: robot of both plants.
-            seeds: number of draws of noise and disturbance for each row.
-            workers: number of threads, None for all processors; the result does not depend on it.
-        """
-        self._profile = profile
-        self._seeds = seeds
-        self._workers = workers
-        self._robots = {plant: make_robot(profile, plant) for plant in ("improved", "mujoco")}
-        self._runs: dict[tuple[str, str, float, str], list[ClosedRun]] = {}
+    Args:
+        number: number of the table.
+        seed: seed of the draw.
+        supposed: whether under the supposition about what the thesis does not print, see
+            `supposition_for`.
+    """
+    theirs = published.printed_table(number)
+    gains = load_gains(theirs["controller"], theirs.get("gains", "published"))
+    if supposed and theirs["controller"] == "lqr":
+        gains = supposed_gains(gains)
+    follow = partial(
+        track,
+        theirs["controller"],
+        theirs["trajectory"],
+        profile=_PROFILE,
+        gains=gains,
+        speed=float(theirs["speed_m_s"]),
+        workers=1,
+    )
+    robots = follow(plant=("improved",), seed=seed).robots
+    motion = robots[0].run.motion
+    judge = robots[0].target
+    if theirs["comparison"] != "reference_vs_simulated":
+        real = follow(plant=("mujoco",), seed=_REAL_SEEDS + seed, no_disturbance=True)
+        robots += real.robots
+        judge = real.motion("mujoco")
+    elif supposed:
+        motion = supposed_path(motion)
+    if any(robot.run.lost for robot in robots):
+        return {}
+    metrics = compare_paths(motion, judge)
+    return {name: metrics[name] for name in RULE_OF}
 
-    def _drive(self, gains: GainSet, reference: str, speed: float, plant: str) -> list[ClosedRun]:
-        """Return the runs with some gains along a reference at a speed [m/s] with a plant."""
-        key = gains.name, reference, speed, plant
-        if key not in self._runs:
-            n = self._seeds
-            first = _REAL_SEEDS if plant == "mujoco" else 0
-            loops = [LoopSettings(disturbance=plant != "mujoco")] * n
-            laws = [make_controller(self._profile, gains)] * n
-            waypoints = open_reference(reference, speed)[1]
-            seeds = range(first, first + n)
-            robots = [self._robots[plant]] * n
-            self._runs[key] = run_robots(robots, laws, loops, waypoints, seeds, self._workers)
-        return self._runs[key]
 
-    def compared(self, number: str, supposed: bool = False) -> FloatArray:
-        """Return (n, 3) metrics of a table, see `RULE_OF`, of the runs that kept the reference.
-
-        Args:
-            number: number of the table.
-            supposed: whether under the supposition about what the thesis does not print, see
-                `supposition`.
-        """
-        theirs = published.printed(number)
-        gains = load_gains(theirs["controller"], theirs.get("gains", "published"))
-        if supposed and theirs["controller"] == "lqr":
-            gains = supposed_gains(gains)
-        where = theirs["trajectory"], float(theirs["speed_m_s"])
-        simulated = self._drive(gains, *where, "improved")
-        if theirs["comparison"] == "reference_vs_simulated":
-            reference = reference_of(simulated[0], open_reference(*where)[1], whole=True)
-            motions = [run.motion for run in simulated if not run.lost]
-            if supposed:
-                motions = [supposed_path(motion) for motion in motions]
-            measured = [compare_paths(motion, reference) for motion in motions]
-        else:
-            both = zip(simulated, self._drive(gains, *where, "mujoco"), strict=True)
-            kept = [(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
-            measured = [compare_paths(*motions) for motions in kept]
-        numbers = [[m[name] for name in RULE_OF] for m in measured]
-        return np.array(numbers).reshape(-1, len(RULE_OF))
-
-    def rows(self, number: str) -> Rows:
-        """A table of the thesis beside ours, which are means over the seeds that kept to it."""
-        theirs = published.printed(number)
-        ours = self._means(self.compared(number))
-        text = supposition(number)
-        under = self._means(self.compared(number, supposed=True)) if text else {}
-        printed: Mapping[str, float] = next(iter(theirs["rows"].values()), {})
-        pairs = {}
-        for metric, rule in RULE_OF.items():
-            value, spread = ours.get(metric, (None, None))
-            pairs[metric] = Pair(
-                printed.get(metric),
-                value,
-                rule,
-                unit_of_metric(metric),
-                spread,
-                obstacle="" if ours else "every seed lost the reference",
-                supposed=Supposed(*under[metric], text) if under else None,
+def track_tables(numbers: Sequence[str], task: Task) -> dict[str, Rows]:
+    """Return tables of the thesis beside ours, which are means over the draws that kept to it."""
+    variants = {}
+    for number, seed in product(numbers, range(task.draws)):
+        for supposed in (False, True) if supposition_for(number) else (False,):
+            variants[f"Tab. {number}, draw {seed}{', supposed' * supposed}"] = (
+                number,
+                seed,
+                supposed,
             )
-        return {f"{theirs['trajectory']}_{theirs['speed_m_s']:.2f}": pairs}
+    measured: dict[tuple[str, bool], list[Row]] = {}
+    rows = swept_rows(variants, lambda variant: measure_draw(*variant), task)
+    for (number, _, supposed), row in zip(variants.values(), rows, strict=True):
+        measured.setdefault((number, supposed), []).append(row)
+    return {number: _table_rows(number, measured, task.draws) for number in numbers}
 
-    def _means(self, measured: FloatArray) -> dict[str, tuple[float, float | None]]:
-        """Mean and deviation of each metric over (n, 3) runs; of one seed it is not known."""
-        means = {}
-        for metric, values in zip(RULE_OF, measured.T, strict=True):
-            if len(values):
-                spread = float(values.std()) if self._seeds > 1 else None
-                means[metric] = (float(values.mean()), spread)
-        return means
+
+def _table_rows(
+    number: str, measured: Mapping[tuple[str, bool], Sequence[Row]], draws: int
+) -> Rows:
+    """Return a table of the thesis beside ours, from what each draw measured."""
+    theirs = published.printed_table(number)
+    printed: Mapping[str, float] = next(iter(theirs["rows"].values()), {})
+
+    def find_mean(metric: str, supposed: bool) -> tuple[float | None, float | None]:
+        """Return the mean of a metric and its deviation, which one draw does not tell."""
+        rows = measured.get((number, supposed), ())
+        values = [row[metric] for row in rows if metric in row]
+        if not values:
+            return None, None
+        return float(np.mean(values)), float(np.std(values)) if draws > 1 else None
+
+    pairs = {}
+    for metric, rule in RULE_OF.items():
+        ours, spread = find_mean(metric, False)
+        under, its_spread = find_mean(metric, True)
+        pairs[metric] = Pair(
+            printed.get(metric),
+            ours,
+            rule,
+            unit_of_metric(metric),
+            spread,
+            obstacle="every seed lost the reference" if ours is None else "",
+            supposed=None
+            if under is None
+            else Supposed(under, its_spread, supposition_for(number)),
+        )
+    return {f"{theirs['trajectory']}_{theirs['speed_m_s']:.2f}": pairs}
 
 
 def supposed_gains(gains: GainSet) -> GainSet:
@@ -252,9 +253,9 @@ def supposed_path(motion: Trajectory) -> Trajectory:
     return Trajectory(motion.t[k], motion.pose[k], motion.twist[k], motion.wheels[k])
 
 
-def supposition(number: str) -> str:
+def supposition_for(number: str) -> str:
     """The supposition for a table of the thesis, without a full stop; empty if there is none."""
-    theirs = published.printed(number)
+    theirs = published.printed_table(number)
     if theirs["comparison"] != "reference_vs_simulated":
         return ""
     if theirs["trajectory"] not in _KNOWN_GEOMETRY or theirs.get("suspect"):
@@ -265,31 +266,27 @@ def supposition(number: str) -> str:
 
 
 def _track_references(task: Task) -> Findings:
-    runs = TrackedTables(load_profile(_PROFILE), task.draws, task.workers)
-    tables = dict[str, Rows]()
-    for number in CONTROL_TABLES:
-        tables[number] = runs.rows(number)
-        task.progress(Progress(len(tables), len(CONTROL_TABLES), f"Tab. {number}"))
+    """Track the references of chapter 4."""
+    tables = track_tables(CONTROL_TABLES, task)
     # Tab. 4.37 repeats the rows of the tables against the real robot, with numbers of its own.
-    real_rows: dict[str, Mapping[str, Pair]] = {}
-    for number, rows in tables.items():
-        theirs = published.printed(number)
-        if theirs["comparison"] == "simulated_vs_real":
-            for row, pairs in rows.items():
-                real_rows[f"{theirs['controller']}_{row}"] = pairs
-    repeated = {}
-    for row, printed in published.printed("4.37")["rows"].items():
-        pairs = real_rows[row]
-        repeated[row] = {m: replace(p, published=float(printed[m])) for m, p in pairs.items()}
-    words = {"seeds": task.draws}
-    return Findings({**tables, "4.37": repeated}, words, panels=_panels(judged_rows(tables)))
+    repeated: dict[str, Mapping[str, Pair]] = {}
+    for row, printed in published.printed_table("4.37")["rows"].items():
+        controller, _, name = row.partition("_")
+        for number, rows in tables.items():
+            theirs = published.printed_table(number)
+            if (theirs["comparison"], theirs["controller"]) == ("simulated_vs_real", controller):
+                pairs = rows.get(name, {})
+                again = {m: replace(p, published=float(printed[m])) for m, p in pairs.items()}
+                repeated |= {row: again} if again else {}
+    panels = _draw_panels(judged_rows(tables))
+    return Findings({**tables, "4.37": repeated}, {"seeds": task.draws}, panels=panels)
 
 
-def _panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
+def _draw_panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
     def draw(comparison: str, title: str, ax: Axes) -> None:
         labels = list[str]()
         for row in rows:
-            theirs = published.printed(row.table)
+            theirs = published.printed_table(row.table)
             if theirs["comparison"] != comparison:
                 continue
             k = len(labels)
@@ -319,25 +316,36 @@ def _panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
     return [PanelRow(5.5, panels, heading=heading)]
 
 
-def _saturation(task: Task) -> Findings:
+def _measure_saturation(variant: tuple[str, str, float, int]) -> Row:
+    """Return the share of time at the torque's limit on the generic reference [%]."""
+    plant, law, speed, seed = variant
+    followed = track(
+        law,
+        "generic",
+        (plant,),
+        _PROFILE,
+        gains=_SATURATED[law],
+        speed=speed,
+        seed=seed,
+        no_disturbance=plant == "mujoco",
+        workers=1,
+    ).robots[0]
+    name = "side_torque_limit_N_m"
+    limit = {name: followed.options[name]}
+    return {"percent": 100.0 * float(np.mean(saturated(followed.run, limit)))}
+
+
+def _find_saturation(task: Task) -> Findings:
     """Find how often motors are at their limit on the generic reference (Sec. 4.5)."""
-    profile = load_profile(_PROFILE)
-    n = task.draws
+    cases = list(product(("improved", "mujoco"), _SATURATED, (0.25, _FAST)))
+    variants = {f"{case}, {k}": (*case, k) for case in cases for k in range(task.draws)}
+    found = [row["percent"] for row in swept_rows(variants, _measure_saturation, task)]
     rows: dict[str, dict[str, Pair]] = {}
-    for plant in ("improved", "mujoco"):
-        robot = make_robot(profile, plant)
-        limit = {"side_torque_limit_N_m": robot.limits["side_torque_limit_N_m"]}
-        loops = [LoopSettings(disturbance=plant != "mujoco")] * n
-        for law, gains in (("pid", "published"), ("lqr", "manual")):
-            laws = [make_controller(profile, load_gains(law, gains))] * n
-            for speed in (0.25, 0.5):
-                waypoints = open_reference("generic", speed)[1]
-                runs = run_robots([robot] * n, laws, loops, waypoints, range(n), task.workers)
-                shares = [100.0 * float(np.mean(saturated(run, limit))) for run in runs]
-                rule: Rule = "words" if speed == _FAST else "none"
-                pair = Pair(None, float(np.mean(shares)), rule, "%", deviation(shares))
-                rows[f"{plant}, {law}, {speed:g} m/s"] = {"time_at_limit_percent": pair}
-    return Findings({"Sec. 4.5, motors": rows}, {"seeds": n})
+    for (plant, law, speed), shares in zip(cases, np.reshape(found, (len(cases), -1)), strict=True):
+        rule: Rule = "words" if speed == _FAST else "none"
+        pair = Pair(None, float(np.mean(shares)), rule, "%", standard_deviation(shares))
+        rows[f"{plant}, {law}, {speed:g} m/s"] = {"time_at_limit_percent": pair}
+    return Findings({"Sec. 4.5, motors": rows}, {"seeds": task.draws})
 
 
 CONTROL_SECTIONS = (
@@ -345,7 +353,7 @@ CONTROL_SECTIONS = (
         Section(f"tune-{law}", (number,), partial(_tune_gains, law))
         for law, number in TUNED_TABLES.items()
     ),
-    Section("saturation", ("Sec. 4.5, motors",), _saturation),
+    Section("saturation", ("Sec. 4.5, motors",), _find_saturation),
     Section("tables", (*CONTROL_TABLES, "4.37"), _track_references),
 )
 """The sections on chapter 4."""

@@ -9,11 +9,11 @@ a wheel hops, so every run starts several times, each a little turned and with a
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -25,13 +25,12 @@ from validation.engines.ode_library import ode
 from validation.engines.plant import EnginePlant
 from validation.experiment.runs import drive
 from validation.experiment.sources import open_source
-from validation.output import Progress
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate import published
-from validation.replicate.chapters import Findings, Section, Task, deviation
+from validation.replicate.chapters import Findings, Section, Task, standard_deviation, swept_rows
 from validation.replicate.verdicts import Pair, Rule
 from validation.report.columns import METRES
-from validation.report.table import Table
+from validation.report.table import Row, Table
 from validation.simulator.turning import STRAIGHT_SPEED
 
 _SOURCE = "traj3"
@@ -54,27 +53,18 @@ _STRAIGHT = 0.05
 """The robot drives straight if it turns at less than this share of its wheels' demand [1]."""
 _TURNED = 0.035
 """The starts are turned by up to so much to either side [rad]."""
+_SHOWN = {
+    "straight_share": "straight_share",
+    "speed_excess": "faster_than_commanded_share",
+    "d_rms_m": "d_rms_m",
+}
+"""Quantities of the table by direction, and their columns."""
 
 
-class GazeboRun(NamedTuple):
-    """A run on trajectory 3."""
-
-    straight_share: float
-    """Share of the hard turns in which the robot drives straight [1]."""
-    turning_share: float
-    """Root mean square of the yaw rate over that which the wheels ask for, once under way [1]."""
-    opposite_share: float
-    """Share of the time in which the wheels turn against each other [1]."""
-    excess: float
-    """Greatest speed, once under way, over the commanded one, less 1 [1]."""
-    d_rms: float
-    """Distance from the improved model [m]."""
-
-
-def starts(n: int) -> list[tuple[float, float]]:
+def start_states(n: int) -> list[tuple[float, float]]:
     """Return heading [rad] and time step [s] of n starts; one start has those of the thesis."""
     if n == 1:
-        return [(0.0, published.value("3.16", "max_step_size"))]
+        return [(0.0, published.printed_value("3.16", "max_step_size"))]
     yaws = np.linspace(-_TURNED, _TURNED, n).tolist()
     fewest = 50 - n // 2  # physics steps a sample: 50 are the thesis' time step
     return [(yaw, _SAMPLE / (fewest + k)) for k, yaw in enumerate(yaws)]
@@ -92,33 +82,36 @@ def straight_share(motion: Trajectory, commanded: FloatArray) -> float:
     return float(straight[hard].mean())
 
 
-def driven_on_trajectory_3(
+def drive_trajectory_3(
     law: FrictionLaw, direction: FrictionDirection, start: tuple[float, float]
-) -> GazeboRun:
-    """Drive trajectory 3 with the settings of Tab. 3.16 and a friction model.
+) -> Row:
+    """Return what Sec. 3.7 speaks of, see `_SAID`, and the distance from the improved model [m].
 
     Args:
-        law: the friction model.
+        law: the friction model, with the settings of Tab. 3.16.
         direction: the first direction of friction.
         start: heading [rad] and time step [s].
     """
     profile = load_profile("thesis-lab")
-    mu = published.value("3.16", "mu")
+    table = {
+        name: row.get("value") for name, row in published.printed_table("3.16")["rows"].items()
+    }
     section = profile.section("ode")
     yaw, timestep = start
     settings = replace(
         GAZEBO,
         friction_law=law,
         direction=direction,
-        second_share=published.value("3.16", "mu2") / mu,
-        iterations=int(published.value("3.16", "iters")),
-        cfm=published.value("3.16", "cfm"),
-        surface_layer=published.value("3.16", "contact_surface_layer"),
-        max_correcting_velocity=published.value("3.16", "contact_max_correcting_velocity"),
+        second_share=table["mu2"] / table["mu"],
+        iterations=int(table["iters"]),
+        cfm=table["cfm"],
+        surface_layer=table["contact_surface_layer"],
+        max_correcting_velocity=table["contact_max_correcting_velocity"],
     )
-    numbers = replace(section.parameters, **{**MAKERS_HUSKY, "friction": mu, "timestep": timestep})
-    piece = replace(open_source(_SOURCE).pieces[0], start=State(yaw=yaw))
+    own = {**MAKERS_HUSKY, "friction": table["mu"], "timestep": timestep}
+    numbers = replace(section.parameters, **own)
     plant = EnginePlant("ode", partial(OdeBody, settings=settings), numbers, section.drive)
+    piece = replace(open_source(_SOURCE).pieces[0], start=State(yaw=yaw))
     motion = drive(plant, piece, section.localiser, _SAMPLE)
     localiser = profile.plants["improved"].localiser
     improved = drive(make_plant(profile, "improved"), piece, localiser, _SAMPLE)
@@ -126,42 +119,23 @@ def driven_on_trajectory_3(
     commanded = half_ratio * np.diff(motion.wheels, axis=1)[:, 0]
     on = motion.t >= _LEAD
     turning = np.mean(motion.twist[on, 2] ** 2) / np.mean(commanded[on] ** 2)
-    return GazeboRun(
-        straight_share(motion, commanded),
-        float(np.sqrt(turning)),
-        float(np.mean(np.prod(motion.wheels, axis=1) < 0.0)),
-        float(motion.twist[on, 0].max()) / STRAIGHT_SPEED - 1.0,
-        compare_paths(motion, improved)["d_rms_m"],
-    )
+    return {
+        "straight_share": straight_share(motion, commanded),
+        "turning_share": float(np.sqrt(turning)),
+        "opposite_share": float(np.mean(np.prod(motion.wheels, axis=1) < 0.0)),
+        "speed_excess": 100.0 * (float(motion.twist[on, 0].max()) / STRAIGHT_SPEED - 1.0),
+        "d_rms_m": compare_paths(motion, improved)["d_rms_m"],
+    }
 
 
 _SAID = {"straight_share": "1", "turning_share": "1", "opposite_share": "1", "speed_excess": "%"}
-"""Quantities of which Sec. 3.7 says something, and their units: the first ones of `GazeboRun`."""
-_Driven = Mapping[tuple[str, FrictionDirection], FloatArray]
-"""(n, 5) `GazeboRun` from n starts, by friction model and direction."""
+"""Quantities of which Sec. 3.7 says something, and their units. The first is the share of the hard
+turns in which the robot drives straight, then come the root mean square of the yaw rate over that
+which the wheels ask for, once under way, the share of the time in which the wheels turn against
+each other, and the greatest speed above the commanded one."""
 
 
-def _rows(driven: _Driven) -> dict[str, dict[str, Pair]]:
-    """The thesis' words on each friction model beside ours, by all starts and both directions."""
-    rows: dict[str, dict[str, Pair]] = {}
-    for law in _LAWS:
-        rows[law] = {}
-        # Of the cone alone the thesis says nothing.
-        rule: Rule = "none" if law == "cone" else "words"
-        for k, (quantity, unit) in enumerate(_SAID.items()):
-            scale = 100.0 if unit == "%" else 1.0
-            wheel = scale * driven[law, "wheel"][:, k]
-            beside = {"world": float(np.median(scale * driven[law, "world"][:, k]))}
-            ours = float(np.median(wheel))
-            rows[law][quantity] = Pair(None, ours, rule, unit, deviation(wheel), beside)
-    far = {key: float(np.median(runs[:, -1])) for key, runs in driven.items()}
-    worse = {d: far["box", d] / max(far["pyramid", d], far["cone", d]) for d in _DIRECTIONS}
-    beside = {"world": worse["world"]}
-    rows["box"]["times_the_others"] = Pair(None, worse["wheel"], "words", beside=beside)
-    return rows
-
-
-def _gazebo(task: Task) -> Findings:
+def _repeat_gazebo(task: Task) -> Findings:
     """Drive the runs of Sec. 3.7, each with two friction directions and from several starts."""
     words = {
         "straight": _STRAIGHT,
@@ -175,37 +149,41 @@ def _gazebo(task: Task) -> Findings:
     except EngineMissingError as error:
         obstacle = Pair(None, None, "words", obstacle=str(error))
         return Findings({"Sec. 3.7": {law: {"straight_share": obstacle} for law in _LAWS}}, words)
-    every = starts(task.starts)
-    cases = list(itertools.product(_LAWS, _DIRECTIONS, every))
-    runs = []
-    for done, (name, direction, start) in enumerate(cases):
-        task.progress(Progress(done, len(cases), name))
-        runs.append(driven_on_trajectory_3(_LAWS[name], direction, start))
-    split = np.reshape(runs, (-1, len(every), len(GazeboRun._fields)))
-    driven = dict(zip(itertools.product(_LAWS, _DIRECTIONS), split, strict=True))
-    rows = []
-    for (name, direction), found in driven.items():
-        straight, _, _, excess, d_rms = map(_range, found.T)
-        row = {
-            "friction model": name,
-            "direction": _DIRECTIONS[direction],
-            "straight_share": straight,
-            "faster_than_commanded_share": excess,
-            "d_rms_m": d_rms,
-        }
-        rows.append(row)
-    cone = list(_LAWS).index("cone")
-    distances = split[:, :, -1].reshape(len(_LAWS), -1)
-    closest = int(np.sum(np.argmin(distances, axis=0) == cone))
+    cases = list(product(_LAWS, _DIRECTIONS))
+    variants = {}
+    for (law, direction), start in product(cases, start_states(task.starts)):
+        variants[f"{law}, {direction}, {start}"] = _LAWS[law], direction, start
+    driven = swept_rows(variants, lambda variant: drive_trajectory_3(*variant), task)
+    found = {}
+    for name in (*_SAID, "d_rms_m"):
+        values = np.reshape([row[name] for row in driven], (len(cases), -1))
+        found[name] = dict(zip(cases, values, strict=True))
+    rows: dict[str, dict[str, Pair]] = {law: {} for law in _LAWS}
+    for law, (name, unit) in product(_LAWS, _SAID.items()):
+        # of the cone alone the thesis says nothing
+        rule: Rule = "none" if law == "cone" else "words"
+        wheel, world = (found[name][law, direction] for direction in _DIRECTIONS)
+        beside = {"world": float(np.median(world))}
+        spread = standard_deviation(wheel)
+        rows[law][name] = Pair(None, float(np.median(wheel)), rule, unit, spread, beside)
+    far = {case: float(np.median(values)) for case, values in found["d_rms_m"].items()}
+    wheel, world = (far["box", d] / max(far["pyramid", d], far["cone", d]) for d in _DIRECTIONS)
+    rows["box"]["times_the_others"] = Pair(None, wheel, "words", beside={"world": world})
+    beside_rows = []
+    for law, direction in cases:
+        row: dict[str, Any] = {"friction model": law, "direction": _DIRECTIONS[direction]}
+        for name, shown in _SHOWN.items():
+            scale = 0.01 if name == "speed_excess" else 1.0
+            values = scale * found[name][law, direction]
+            row[shown] = (float(np.median(values)), float(values.min()), float(values.max()))
+        beside_rows.append(row)
+    distances = np.reshape(list(found["d_rms_m"].values()), (len(_LAWS), -1))
+    closest = int(np.sum(np.argmin(distances, axis=0) == list(_LAWS).index("cone")))
     words |= {"closest": closest, "cases": distances.shape[1]}
     title = "The same by direction: median over the starts, least and greatest"
-    table = Table(title, rows, units={"d_rms_m": METRES})
-    return Findings({"Sec. 3.7": _rows(driven)}, words, [table])
+    table = Table(title, beside_rows, units={"d_rms_m": METRES})
+    return Findings({"Sec. 3.7": rows}, words, [table])
 
 
-def _range(values: FloatArray) -> tuple[float, float, float]:
-    return float(np.median(values)), float(values.min()), float(values.max())
-
-
-GAZEBO_SECTION = Section("gazebo", ("Sec. 3.7",), _gazebo)
+GAZEBO_SECTION = Section("gazebo", ("Sec. 3.7",), _repeat_gazebo)
 """The section on Gazebo."""

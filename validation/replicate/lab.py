@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from scipy import signal
 
 from ssmr.estimation.ekf import run_ekf
+from ssmr.geometry import rotate_body_to_world
 from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorNoise, measure, simulate_sensors
-from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, FloatArray, State, Trajectory, frozen_array
-from validation.plants.profile import load_profile, make_plant, odometry_of
+from validation.compare import compare
+from validation.experiment.sources import Piece, Source
+from validation.plants.profile import load_profile, odometry_of
 from validation.replicate import published
-from validation.replicate.chapters import Findings, Section, Task, deviation
+from validation.replicate.chapters import Findings, Section, Task, standard_deviation
 from validation.replicate.verdicts import Pair
 
 _PROFILE = "thesis-lab"
@@ -39,7 +39,7 @@ def high_pass(rate: float) -> FloatArray:
     away exactly. The transition is as wide as Matlab makes it, and below the passband.
     """
     text = (f"noise_highpass_{what}" for what in ("frequency", "steepness", "attenuation"))
-    passband, steepness, attenuation = (published.value("text", name) for name in text)
+    passband, steepness, attenuation = (published.printed_value("text", name) for name in text)
     width = (1.0 - steepness) * passband
     count, beta = signal.kaiserord(attenuation, width / (0.5 * rate))
     count += 1 - count % 2
@@ -55,19 +55,19 @@ def variance_above(values: FloatArray, rate: float) -> float:
     return float(np.var(noise, ddof=1))
 
 
-def _drive_case(case: Mapping[str, float]) -> tuple[Trajectory, Drive]:
-    """Return the MuJoCo Husky's motion under a case's command, after `_LEAD`, and its drive."""
-    profile = load_profile(_PROFILE)
+def drive_case(name: str) -> Trajectory:
+    """Return the MuJoCo Husky's motion under the command of a case of Tab. 3.3, after `_LEAD`."""
+    case = published.printed_table("3.3")["rows"][name]
     n = round((_LEAD + _TIME) / COMMAND_PERIOD)
     twist = [case["cmd_u_m_s"], case["cmd_omega_rad_s"]]
     commands = Commands(COMMAND_PERIOD, np.tile(twist, (n, 1)))
-    motion = make_plant(profile, _PLANT).run(commands, State(), 1.0 / _RATE)
+    source = Source(name, (Piece(commands, State(), None, None),), _PLANT, 1.0 / _RATE)
+    motion = compare(source, _PROFILE, (_PLANT,)).motion(_PLANT)
     k = motion.t >= _LEAD
-    steady = Trajectory(motion.t[k], motion.pose[k], motion.twist[k], motion.wheels[k])
-    return steady, profile.plants[_PLANT].drive
+    return Trajectory(motion.t[k], motion.pose[k], motion.twist[k], motion.wheels[k])
 
 
-def late(
+def with_late_samples(
     motion: Trajectory, seen: Trajectory, jitter: float, rng: np.random.Generator
 ) -> Trajectory:
     """Return an estimate whose samples were taken a little before or after their stamps.
@@ -79,42 +79,40 @@ def late(
         rng: generator of these errors.
     """
     off = rng.normal(0.0, jitter, len(motion))
-    cos = np.cos(motion.pose[:, 2])
-    sin = np.sin(motion.pose[:, 2])
-    v_x, v_y, w = motion.twist.T
-    rates = np.column_stack([cos * v_x - sin * v_y, sin * v_x + cos * v_y, w])
-    moved = rates * off[:, None]
+    velocities = rotate_body_to_world(motion.twist[:, :2], motion.yaw)
+    moved = np.column_stack([velocities, motion.twist[:, 2]]) * off[:, None]
     return Trajectory(seen.t, seen.pose + moved, seen.twist, seen.wheels)
 
 
-def _noise(task: Task) -> Findings:
+def _find_noise(task: Task) -> Findings:
     """Find the variances of Tab. 3.4 in the simulated lab.
 
     Three noises: the lab's as it is, that with wrong stamps, and the one that the thesis simulates.
     """
     draws = task.draws
+    settings = odometry_of(load_profile(_PROFILE).plants[_PLANT].drive)
     found = np.empty((3, len(_STRAIGHT), draws, len(_SIGNALS)))
     for case, name in enumerate(_STRAIGHT):
-        motion, drive = _drive_case(published.printed("3.3")["rows"][name])
+        motion = drive_case(name)
         x, y, yaw = motion.pose[0].tolist()
         v, _, w = motion.twist[0].tolist()
         start = State(x, y, yaw, v_x=v, yaw_rate=w)
         for seed in range(draws):
             log = simulate_sensors(motion, np.random.default_rng(seed), rate=_RATE)
             rng = np.random.default_rng([seed, case])
-            exact = run_ekf(log, odometry_of(drive), start)
+            exact = run_ekf(log, settings, start)
             added = measure(motion, SensorNoise(), rng, _RATE)
-            wrong = late(motion, exact, _JITTER, rng)
+            wrong = with_late_samples(motion, exact, _JITTER, rng)
             for way, each in enumerate((exact, wrong, added)):
                 signals = (*each.twist[:, [0, 2]].T, *each.pose.T)
                 found[way, case, seed] = [variance_above(each, _RATE) for each in signals]
     means = dict(zip(_SIGNALS, np.moveaxis(found.mean(axis=1), 2, 0), strict=True))
     rows = {}
-    for name, printed in published.printed("3.4")["rows"].items():
+    for name, printed in published.printed_table("3.4")["rows"].items():
         exact, wrong, added = means[name]
         beside = {"with jitter": float(wrong.mean()), "of what is simulated": float(added.mean())}
         ours = float(exact.mean())
-        spread = deviation(exact)
+        spread = standard_deviation(exact)
         pair = Pair(printed["value"], ours, "spread", printed["unit"], spread, beside)
         rows[name] = {"variance": pair}
     words = {
@@ -128,5 +126,5 @@ def _noise(task: Task) -> Findings:
     return Findings({"3.4": rows}, words)
 
 
-NOISE_SECTION = Section("noise", ("3.4",), _noise)
+NOISE_SECTION = Section("noise", ("3.4",), _find_noise)
 """The section on the sensors' noise."""

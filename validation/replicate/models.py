@@ -17,7 +17,7 @@ from ssmr.types import FloatArray, State
 from validation.fit import fit
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate import published
-from validation.replicate.chapters import Findings, Section, Task, finished, unit_of_metric
+from validation.replicate.chapters import Findings, Section, Task, finished_results, unit_of_metric
 from validation.replicate.verdicts import RULE_OF, Pair, Rows, Rule
 
 _PROFILE = "thesis-lab"
@@ -49,7 +49,7 @@ def _fit_model(model: str, task: Task) -> Findings:
         workers=task.workers,
         progress=task.progress,
     )
-    found = finished(fitted)
+    found = finished_results(fitted)
     words = {
         "called": "Coulomb" if model == "coulomb" else model,
         "parameters": parameters,
@@ -68,7 +68,7 @@ def _parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
     """Return the thesis' parameters beside those of fit.json."""
     limit = load_profile(_PROFILE).plants[model].drive.torque_limit
     rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.printed(number)["rows"].items():
+    for row, printed in published.printed_table(number)["rows"].items():
         value = float(printed["value"])
         unit = printed["unit"]
         pair = Pair(value, limit, "spread", unit, obstacle="taken from the thesis, not searched")
@@ -94,7 +94,7 @@ def _distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:
     scores = {**fitted["held_out"], "traj4": fitted["train"]}
     by_trajectory = {name.partition("@")[0]: metrics for name, metrics in scores.items()}
     rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.printed(number)["rows"].items():
+    for row, printed in published.printed_table(number)["rows"].items():
         rows[row] = {}
         for metric, rule in RULE_OF.items():
             ours = by_trajectory[row][metric]
@@ -102,7 +102,7 @@ def _distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:
     return rows
 
 
-def _accelerations(task: Task) -> Findings:
+def _count_alternations(task: Task) -> Findings:
     """Find how often yaw accelerations alternate on trajectory 4 (Fig. 3.33)."""
     profile = load_profile(_PROFILE)
     commands = TRAJECTORIES["traj4"].commands()
@@ -110,13 +110,13 @@ def _accelerations(task: Task) -> Findings:
     for name in _PLANTS:
         plant = make_plant(profile, name)
         motion = plant.run(commands, State(), plant.dt)
-        share = alternations(motion.channels["yaw_acceleration_rad_s2"]) / (len(motion) - 2)
+        share = alternating_samples(motion.channels["yaw_acceleration_rad_s2"]) / (len(motion) - 2)
         rule: Rule = "words" if name in _JUDGED else "none"
         rows[name] = {"alternating_percent": Pair(None, 100.0 * share, rule, "%")}
     return Findings({"Fig. 3.33": rows})
 
 
-def alternations(acceleration: FloatArray) -> int:
+def alternating_samples(acceleration: FloatArray) -> int:
     """How many samples of an (M,) acceleration differ in sign from both neighbours, as chatter."""
     sign = np.sign(acceleration)
     changes = sign[1:] * sign[:-1] < 0.0
@@ -125,6 +125,6 @@ def alternations(acceleration: FloatArray) -> int:
 
 MODEL_SECTIONS = (
     *(Section(f"fit-{name}", tables, partial(_fit_model, name)) for name, tables in _FITS.items()),
-    Section("accelerations", ("Fig. 3.33",), _accelerations),
+    Section("accelerations", ("Fig. 3.33",), _count_alternations),
 )
 """The sections on chapter 3."""

@@ -22,19 +22,19 @@ def published_tables() -> Mapping[str, Any]:
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
-def printed(number: str) -> Mapping[str, Any]:
+def printed_table(number: str) -> Mapping[str, Any]:
     """Return a table such as "3.9": its `caption`, `rows` (numbers by row) and remarks."""
     content: Mapping[str, Any] = published_tables()[number]
     return content
 
 
-def value(number: str, row: str, key: str = "value") -> float:
+def printed_value(number: str, row: str, key: str = "value") -> float:
     """Return one number of a table, in the SI unit that its row or key names.
 
     Args:
-        number: the table's number, as for `printed`.
+        number: the table's number, as for `printed_table`.
         row: the row's name, such as "u_x", "traj4" or "line_0.25".
         key: which of the row's numbers: "value" for a parameter, "d_rms_m" and its like for a
             metric.
     """
-    return float(printed(number)["rows"][row][key])
+    return float(printed_table(number)["rows"][row][key])

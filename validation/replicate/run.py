@@ -23,7 +23,7 @@ from validation.replicate.chapters import (
     chapter_of,
     chosen_sections,
     order_of,
-    template,
+    read_template,
 )
 from validation.replicate.control import CONTROL_SECTIONS
 from validation.replicate.gazebo import GAZEBO_SECTION
@@ -97,16 +97,16 @@ class Replication(Report):
     @property
     def by_evidence(self) -> dict[str, dict[str, int]]:
         """Number of the thesis' rows by evidence and verdict."""
-        counts = _counts(self.rows)
+        counts = _count_verdicts(self.rows)
         return {str(e): {str(s): counts[e, s] for s in STATUSES} for e in EVIDENCE}
 
     def tables(self) -> list[Table]:
         """Return the verdicts by evidence and by section, and the tables of all chapters."""
         by_evidence: list[Row] = [{"evidence": e, **n} for e, n in self.by_evidence.items()]
-        by_evidence.append({"evidence": "all", **_by_status(_counts(self.rows))})
+        by_evidence.append({"evidence": "all", **_by_status(_count_verdicts(self.rows))})
         by_section = list[Row]()
         for chapter, each in zip(self.chapters, self.findings.values(), strict=True):
-            if some := _counts(each.rows):
+            if some := _count_verdicts(each.rows):
                 by_section.append({"section": chapter.title, **_by_status(some)})
         return [
             Table("Rows that the thesis has, by what their agreement says", by_evidence),
@@ -128,14 +128,14 @@ class Replication(Report):
             "quick": self.options["quick"],
             "seed": self.options["seed"],
             "tables": _tables_of(self.rows),
-            "verdicts": _by_status(_counts(self.rows)),
+            "verdicts": _by_status(_count_verdicts(self.rows)),
             "evidence": self.by_evidence,
         }
 
     def to_markdown(self) -> str:
         """Return the page: the meaning of the verdicts, their counts, and every chapter."""
-        counts = _counts(self.rows)
-        lead = _lead(self.options["quick"], self.findings, self.unexplained, counts)
+        counts = _count_verdicts(self.rows)
+        lead = _leading_text(self.options["quick"], self.findings, self.unexplained, counts)
         lines = [lead, "", *markdown_table(self.tables()[0])]
         for chapter in self.chapters:
             lines += chapter.markdown()
@@ -192,7 +192,7 @@ def _run_sections(o: Replicate, sections: Sequence[Section]) -> dict[str, Findin
     findings = dict[str, Findings]()
     for section in sections:
         try:
-            task = _task(o, section.key, len(findings), len(sections))
+            task = _make_task(o, section.key, len(findings), len(sections))
             findings[section.key] = section.run(task)
         except KeyboardInterrupt:
             if not findings:
@@ -201,7 +201,7 @@ def _run_sections(o: Replicate, sections: Sequence[Section]) -> dict[str, Findin
     return findings
 
 
-def _task(o: Replicate, key: str, done: int, total: int) -> Task:
+def _make_task(o: Replicate, key: str, done: int, total: int) -> Task:
     """Return the inputs of a section, whose progress moves that of the whole."""
 
     def report_progress(now: Progress) -> None:
@@ -213,7 +213,7 @@ def _task(o: Replicate, key: str, done: int, total: int) -> Task:
     return task._replace(**QUICK) if o.quick else task
 
 
-def _counts(rows: Sequence[JudgedRow]) -> _Counts:
+def _count_verdicts(rows: Sequence[JudgedRow]) -> _Counts:
     """Return how many of the rows that the thesis has are of which evidence and verdict."""
     return Counter((row.criterion.evidence, row.whole.status) for row in rows if row.is_printed)
 
@@ -228,7 +228,7 @@ def _is_unexplained(row: JudgedRow) -> bool:
     return row.whole.status != "agrees if" and UNEXPLAINED in reasons
 
 
-def _lead(
+def _leading_text(
     quick: bool, findings: Mapping[str, Findings], unexplained: Sequence[str], counts: _Counts
 ) -> str:
     """Return the page's beginning: what the verdicts mean, and how many rows have which."""
@@ -256,7 +256,7 @@ def _lead(
         "wide": TOO_WIDE,
         "end": AT_BOUND,
     }
-    return template("lead").format_map(words).strip()
+    return read_template("lead").format_map(words).strip()
 
 
 def _tables_of(rows: Sequence[JudgedRow]) -> dict[str, Any]:
@@ -264,7 +264,7 @@ def _tables_of(rows: Sequence[JudgedRow]) -> dict[str, Any]:
     tables: dict[str, Any] = {}
     for row in sorted(rows, key=lambda row: order_of(row.table)):
         table = tables.setdefault(row.table, {"rows": {}, "verdicts": {}})
-        table["rows"][row.name] = {metric: _entry(row, metric) for metric in row.pairs}
+        table["rows"][row.name] = {metric: _row_entry(row, metric) for metric in row.pairs}
         table["verdicts"][row.name] = {
             **_verdict_entry(row.whole),
             "evidence": row.criterion.evidence,
@@ -276,7 +276,7 @@ def _verdict_entry(verdict: Verdict) -> dict[str, str]:
     return {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
 
 
-def _entry(row: JudgedRow, metric: str) -> dict[str, Any]:
+def _row_entry(row: JudgedRow, metric: str) -> dict[str, Any]:
     pair = row.pairs[metric]
     entry: dict[str, Any] = {
         "published": pair.published,

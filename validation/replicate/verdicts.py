@@ -172,7 +172,7 @@ class JudgedRow(NamedTuple):
 
 
 @cache
-def entries(kind: Literal["criterion", "reason"]) -> tuple[Entry, ...]:
+def entries_of(kind: Literal["criterion", "reason"]) -> tuple[Entry, ...]:
     """Return the entries of a kind; the first that fits is the one that counts."""
     file = resources.files("validation.replicate") / "verdicts.toml"
     declared = tomllib.loads(file.read_text(encoding="utf-8"))
@@ -181,7 +181,7 @@ def entries(kind: Literal["criterion", "reason"]) -> tuple[Entry, ...]:
 
 def criterion_of(table: str, row: str) -> Entry:
     """The criterion of a row; without a declaration, that of a number that the thesis lacks."""
-    matching = (c for c in entries("criterion") if c.concerns(table, row))
+    matching = (c for c in entries_of("criterion") if c.concerns(table, row))
     return next(matching, Entry(tables=(table,), rows=(row,)))
 
 
@@ -193,7 +193,7 @@ def at_bound(value: float | None, bounds: Sequence[float]) -> bool:
     return min(value - lower, upper - value) <= AT_BOUND * (upper - lower)
 
 
-def compared(pair: Pair, within: Sequence[float] = ()) -> Status:
+def compare_numbers(pair: Pair, within: Sequence[float] = ()) -> Status:
     """Return the verdict on two numbers that can be compared; `within` are the limits of words."""
     ours = pair.ours
     assert ours is not None
@@ -221,19 +221,19 @@ def compared(pair: Pair, within: Sequence[float] = ()) -> Status:
     return "differs"
 
 
-def judge(
+def judge_number(
     table: str, row: str, metric: str, pair: Pair, known: Sequence[Entry] | None = None
 ) -> Verdict:
     """Return the verdict on one number of ours.
 
     Reasons are `known` or, if not given, those of `verdicts.toml`.
     """
-    every = entries("reason") if known is None else known
+    every = entries_of("reason") if known is None else known
     about = [reason for reason in every if reason.concerns(table, row, metric)]
-    obstacle = _obstacle(pair, about)
+    obstacle = _find_obstacle(pair, about)
     if obstacle is not None:
         return obstacle
-    status = compared(pair, criterion_of(table, row).within.get(metric, ()))
+    status = compare_numbers(pair, criterion_of(table, row).within.get(metric, ()))
     if status == "agrees":
         return Verdict(status)
     if status == "not told apart":
@@ -244,7 +244,7 @@ def judge(
     return Verdict(status, UNEXPLAINED)
 
 
-def _obstacle(pair: Pair, about: Sequence[Entry]) -> Verdict | None:
+def _find_obstacle(pair: Pair, about: Sequence[Entry]) -> Verdict | None:
     """Return the verdict on a number that cannot be compared; None for one that can be."""
     text = pair.obstacle
     see = ""
@@ -287,7 +287,7 @@ def _agrees_if(pair: Pair) -> bool:
     under = pair.supposed
     if under is None:
         return False
-    return compared(replace(pair, ours=under.value, spread=under.spread)) == "agrees"
+    return compare_numbers(replace(pair, ours=under.value, spread=under.spread)) == "agrees"
 
 
 def judged_rows(tables: Mapping[str, Rows]) -> list[JudgedRow]:
@@ -295,7 +295,7 @@ def judged_rows(tables: Mapping[str, Rows]) -> list[JudgedRow]:
     judged = []
     for number, rows in tables.items():
         for name, pairs in rows.items():
-            verdicts = {m: judge(number, name, m, pair) for m, pair in pairs.items()}
+            verdicts = {m: judge_number(number, name, m, pair) for m, pair in pairs.items()}
             whole = judge_row(pairs, verdicts)
             row = JudgedRow(number, name, pairs, verdicts, whole, criterion_of(number, name))
             judged.append(row)

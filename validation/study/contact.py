@@ -42,7 +42,7 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.turning import SAMPLE, measure_spin, spin
 from validation.study.common import Study, StudyOptions
-from validation.study.contact_drives import TURNED, creep, rolling_radius, surge
+from validation.study.contact_drives import TURNED, creep_speed, rolling_radius, surge_share
 from validation.sweep import sweep
 
 BASELINE = "as shipped"
@@ -215,7 +215,7 @@ class ContactStudy(StudyOptions):
         chosen_settings(self.only)
 
 
-def balanced(section: PlantProfile) -> PlantProfile:
+def balanced_robot(section: PlantProfile) -> PlantProfile:
     """Return a robot with its weight in the middle, so that any drift is that of the physics."""
     return replace(section, parameters=replace(section.parameters, com_x=0.0, com_y=0.0))
 
@@ -280,12 +280,12 @@ class Trial:
         """Sideways speed while the robot stands across a slope."""
         plant = self.plant()
         if isinstance(plant, MujocoPlant):
-            return {"creep_m_s": creep(plant)}
+            return {"creep_m_s": creep_speed(plant)}
         still = Commands(0.05, np.zeros((80, 2)), "wheels")
         xy = self.plant(terrain=_RAMP).run(still, State(yaw=0.5 * math.pi), SAMPLE).xy
         # the first half lets the robot settle
         first_half = xy[: len(xy) // 2 + 1]
-        return {"creep_m_s": _apart(xy, first_half) / (0.5 * still.duration)}
+        return {"creep_m_s": _end_distance(xy, first_half) / (0.5 * still.duration)}
 
     def trajectories(self) -> Row:
         """Distances from the published models, and measures of trajectories 3 and 4."""
@@ -299,12 +299,12 @@ class Trial:
         turned = drive(plant, from_turned, lab.localiser, SAMPLE)
         fine = drive(self.plant(steps=2.0), pieces["traj4"], lab.localiser, SAMPLE)
         radius = self.uncorrected.calibration.wheel_radius
-        row = {"surge_share": max(surge(m, radius, lab.drive) for m in (third, turned))}
+        row = {"surge_share": max(surge_share(m, radius, lab.drive) for m in (third, turned))}
         c = math.cos(TURNED)
         s = math.sin(TURNED)
         in_ground_frame = turned.xy @ np.array([[c, -s], [s, c]])
-        row["ground_turned_m"] = _apart(in_ground_frame, third.xy)
-        row["step_halved_m"] = _apart(fine.xy, motions["traj4"].xy)
+        row["ground_turned_m"] = _end_distance(in_ground_frame, third.xy)
+        row["step_halved_m"] = _end_distance(fine.xy, motions["traj4"].xy)
         for model, paths in self.models.items():
             scores = [compare_paths(motions[name], path) for name, path in paths.items()]
             row[f"to_{model}_m"] = float(np.mean([score["d_rms_m"] for score in scores]))
@@ -317,11 +317,11 @@ def make_trials(lab: Profile, settings: Mapping[str, Setting]) -> dict[str, Tria
     models = {}
     for model in MODELS:
         models[model] = _drive_all(make_plant(lab, model), pieces, lab.plants[model].localiser)
-    robot = balanced(lab.section("mujoco"))
+    robot = balanced_robot(lab.section("mujoco"))
     return {name: Trial(robot, pieces, models, setting) for name, setting in settings.items()}
 
 
-def _apart(one: FloatArray, other: FloatArray) -> float:
+def _end_distance(one: FloatArray, other: FloatArray) -> float:
     """Return the distance of the ends of two (M, 2) paths [m]."""
     return float(np.hypot(*(one[-1] - other[-1])))
 
@@ -357,7 +357,7 @@ def study_contact(o: ContactStudy) -> Study:
         tables.append(Table(title, rows, caption, units=_UNITS))
     return Study(
         title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}",
-        panels=_panels(tables),
+        panels=_draw_panels(tables),
         shown=tables,
         remarks=swept.notes,
         status=swept.status,
@@ -377,7 +377,7 @@ def _changes_of(setting: Setting) -> dict[str, Any]:
     return {k: v for k, v in physics.items() if v is not None} | dict(setting.robot)
 
 
-def _panels(tables: Sequence[Table]) -> list[drawing.PanelRow]:
+def _draw_panels(tables: Sequence[Table]) -> list[drawing.PanelRow]:
     """Return panels of the measures that tell settings apart, a bar for each setting."""
     rows = {}
     for row, more in zip(*(table.rows for table in tables), strict=True):

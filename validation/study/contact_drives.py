@@ -53,7 +53,7 @@ def rolling_radius(plant: Plant, speed: float = STRAIGHT_SPEED) -> tuple[float, 
     return ahead / turned, aside / ahead
 
 
-def creep(plant: MujocoPlant) -> float:
+def creep_speed(plant: MujocoPlant) -> float:
     """Return the speed at which a robot at rest slides down a side slope [m/s].
 
     Raises:
@@ -71,7 +71,7 @@ def creep(plant: MujocoPlant) -> float:
     return float(np.hypot(*way) / (motion.t[-1] - motion.t[tail][0]))
 
 
-def surge(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
+def surge_share(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
     """Return the greatest speed on trajectory 3, once under way, over that of the rims, less 1 [1].
 
     The rims' speed is that of a straight drive.

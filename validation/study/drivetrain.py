@@ -105,7 +105,7 @@ class DriveTrainStudy(StudyOptions):
         require_within(self, ("torque_constant", "mass"), 1e-6, 1e6)
 
 
-def _numbers(
+def _numbers_found(
     driver: DriverFit | None,
     currents: CurrentFit | None,
     inertia: InertiaFit | None,
@@ -143,7 +143,7 @@ def _numbers(
     }
 
 
-def _judges(
+def _judging_logs(
     held_out: Sequence[DriveLog], commanded: DriveLog | None, ground: DriveLog | None
 ) -> tuple[list[DriveLog], list[DriveLog]]:
     """Return what judges the driver, and the currents; a ValueError names a log of no use."""
@@ -180,7 +180,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
     chassis = chassis_of(choose_profile(o.profile, o.robot, "husky-tile"), o.mass)
     commanded = up or (ground if len(held_commands(named[0])) >= 2 * LEAST_COMMANDS else None)
     held_out = [drive_log(source) for source in o.held_out]
-    alike, driven = _judges(held_out, commanded, ground)
+    alike, driven = _judging_logs(held_out, commanded, ground)
     driver = None
     currents = None
     inertia = None
@@ -201,7 +201,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
         if not (driver or currents):
             raise
         status = INTERRUPTED
-    numbers = _numbers(driver, currents, inertia, chassis, o.torque_constant)
+    numbers = _numbers_found(driver, currents, inertia, chassis, o.torque_constant)
     evidence = [rate_evidence(log) for log in (*named, *held_out)]
     vehicle = chassis.vehicle
     robot = chassis._asdict()
@@ -229,15 +229,15 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
     return Study(
         title=f"Drive train of {chassis.name}: {', '.join(log.name for log in named)}",
         about=document,
-        shown=_tables(numbers, driver, currents, evidence),
-        remarks=_sentences(o, chassis, currents),
+        shown=_make_tables(numbers, driver, currents, evidence),
+        remarks=_write_sentences(o, chassis, currents),
         status=status,
-        panels=_panels(driver, currents),
+        panels=_draw_panels(driver, currents),
         options={"seed": o.seed, "robot": chassis.name, "mass": chassis.mass},
     )
 
 
-def _tables(
+def _make_tables(
     numbers: dict[str, Row],
     driver: DriverFit | None,
     currents: CurrentFit | None,
@@ -266,7 +266,9 @@ _RATES = (
 )
 
 
-def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None) -> list[str]:
+def _write_sentences(
+    o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
+) -> list[str]:
     says = []
     if o.robot is None and o.profile is None:
         says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")
@@ -283,7 +285,7 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
     return says
 
 
-def _panels(driver: DriverFit | None, currents: CurrentFit | None) -> list[drawing.PanelRow]:
+def _draw_panels(driver: DriverFit | None, currents: CurrentFit | None) -> list[drawing.PanelRow]:
     panels = []
     if driver is not None:
         panels.append(drawing.PanelRow(2.6, [partial(_draw_rates, driver)]))

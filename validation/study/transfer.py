@@ -160,7 +160,7 @@ _CostsByGains = Mapping[str, float | int | None]
 """
 
 
-def _scores(
+def _score_controllers(
     o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints
 ) -> list[_CostsByGains]:
     """Drive every controller along a reference, with the same noise and disturbance.
@@ -199,7 +199,7 @@ def mean_costs(costs: FloatArray) -> FloatArray:
     return np.where(count > 0, totals / np.maximum(count, 1), np.nan)
 
 
-def places(costs: FloatArray) -> NDArray[np.intp]:
+def rank_places(costs: FloatArray) -> NDArray[np.intp]:
     """Return the (C,) places of controllers, 0 for the best; equal ones share a place.
 
     Who loses fewer references is placed before who loses more, whatever the cost; among equals the
@@ -214,23 +214,23 @@ def rank_correlation(costs: FloatArray, others: FloatArray) -> float:
 
     NaN where one of them has all controllers in one place.
     """
-    return float(kendalltau(places(costs), places(others)).statistic)
+    return float(kendalltau(rank_places(costs), rank_places(others)).statistic)
 
 
-def choice(costs: FloatArray, truth: FloatArray) -> int:
+def chosen_column(costs: FloatArray, truth: FloatArray) -> int:
     """Column of the controller in the first place; of several there, the worst in truth."""
-    first = np.flatnonzero(places(costs) == 0)
-    return int(first[np.argmax(places(truth)[first])])
+    first = np.flatnonzero(rank_places(costs) == 0)
+    return int(first[np.argmax(rank_places(truth)[first])])
 
 
-def regret(costs: FloatArray, truth: FloatArray) -> float:
+def regret_of_choice(costs: FloatArray, truth: FloatArray) -> float:
     """Excess in `truth` of the choice by `costs` over the best choice, as a share of its cost.
 
     It is infinite where the choice loses more references than the best; of choices that lose as
     many, kept references count.
     """
-    chosen = choice(costs, truth)
-    best = choice(truth, truth)
+    chosen = chosen_column(costs, truth)
+    best = chosen_column(truth, truth)
     # a lost robot costs more than any error
     lost = np.isinf(truth).sum(axis=0)
     if lost[chosen] > lost[best]:
@@ -241,7 +241,9 @@ def regret(costs: FloatArray, truth: FloatArray) -> float:
     return float(means[chosen] / means[best] - 1.0)
 
 
-def intervals(values: Callable[[NDArray[np.intp]], Any], rows: int, seed: int) -> FloatArray:
+def resampled_intervals(
+    values: Callable[[NDArray[np.intp]], Any], rows: int, seed: int
+) -> FloatArray:
     """Return the (2, ...) ends of the 90 % intervals of what `rows` references give.
 
     References are drawn anew, with repeats: `values` gives the same numbers for (rows,) drawn ones.
@@ -255,7 +257,7 @@ def intervals(values: Callable[[NDArray[np.intp]], Any], rows: int, seed: int) -
     return ends
 
 
-def agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> dict[str, Any]:
+def cost_agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> dict[str, Any]:
     """Return how a model's costs agree with the true ones.
 
     That is `tau`, the rank correlation; `chosen`, the column of the choice; its `regret`; and
@@ -264,25 +266,27 @@ def agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> dict[str, 
     """
 
     def drawn(rows: NDArray[np.intp]) -> tuple[float, float]:
-        return rank_correlation(costs[rows], truth[rows]), regret(costs[rows], truth[rows])
+        return rank_correlation(costs[rows], truth[rows]), regret_of_choice(
+            costs[rows], truth[rows]
+        )
 
-    low, high = intervals(drawn, len(costs), seed)
+    low, high = resampled_intervals(drawn, len(costs), seed)
     same = 0
     for row, true in zip(costs[:, None], truth[:, None], strict=True):
-        same += choice(row, true) == choice(true, true)
+        same += chosen_column(row, true) == chosen_column(true, true)
     return {
         "tau": rank_correlation(costs, truth),
         "tau_low": float(low[0]),
         "tau_high": float(high[0]),
-        "chosen": choice(costs, truth),
-        "regret": regret(costs, truth),
+        "chosen": chosen_column(costs, truth),
+        "regret": regret_of_choice(costs, truth),
         "regret_low": float(low[1]),
         "regret_high": float(high[1]),
         "same_winner": same,
     }
 
 
-def _findings(
+def _list_findings(
     profile: Profile, contenders: Contenders, drives: Sequence[Row], seed: int
 ) -> dict[str, Any]:
     """Findings as study.json has them, from rows of `reference`, `speed_m_s` and `scores`."""
@@ -298,13 +302,13 @@ def _findings(
     truth = tables[JUDGE]
     plants = {}
     for plant, costs in tables.items():
-        agreed = agreement(costs, truth, seed)
-        low, high = intervals(partial(_drawn_means, costs), len(costs), seed)
+        agreed = cost_agreement(costs, truth, seed)
+        low, high = resampled_intervals(partial(_drawn_means, costs), len(costs), seed)
         means = {measure: mean_costs(table_of(plant, measure)) for measure in _MEANS}
         # sums over different references cannot be compared
         kept = np.isfinite(costs).all(axis=0) & np.isfinite(truth).all(axis=0)
         gaps = np.where(kept, mean_costs(costs) / mean_costs(truth) - 1.0, np.nan)
-        ranked = 1 + places(costs)
+        ranked = 1 + rank_places(costs)
         each = {}
         for k, name in enumerate(names):
             scores = [drive["scores"][plant][name] for drive in drives]
@@ -338,12 +342,12 @@ def _drawn_means(costs: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
     return mean_costs(costs[rows])
 
 
-def _ranked(result: Mapping[str, Any]) -> list[str]:
+def _ranked_names(result: Mapping[str, Any]) -> list[str]:
     judged = result["plants"][JUDGE]["contenders"]
     return sorted(judged, key=lambda name: judged[name]["place"])
 
 
-def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
+def _make_tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     plants = result["plants"]
     choices = [
         {
@@ -356,7 +360,7 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
         for plant, found in plants.items()
     ]
     costs = []
-    for name in _ranked(result):
+    for name in _ranked_names(result):
         by_plant = {plant: found["contenders"][name] for plant, found in plants.items()}
         row: dict[str, Any] = {"controller": name}
         row |= {f"{plant}_m": each["metres"] for plant, each in by_plant.items()}
@@ -406,7 +410,7 @@ def study_transfer(o: TransferStudy) -> Study:
         name, waypoints = mission
         scores = {}
         for plant, robot in robots.items():
-            of_laws = _scores(options, robot, laws, waypoints)
+            of_laws = _score_controllers(options, robot, laws, waypoints)
             scores[plant] = dict(zip(contenders, of_laws, strict=True))
         return {"reference": name, "speed_m_s": waypoints.speed, "scores": scores}
 
@@ -415,14 +419,14 @@ def study_transfer(o: TransferStudy) -> Study:
     workers = o.workers if isinstance(o.workers, str) else 1
     swept = sweep(missions, {"drive": follow}, workers=workers, progress=o.progress)
     drives = [row for row in swept.rows if "scores" in row]
-    result = _findings(profile, contenders, drives, o.seed)
+    result = _list_findings(profile, contenders, drives, o.seed)
     label = with_robot(profile.name, profile.robot.name)
     return Study(
         title=f"Transfer, {label}: {len(swept.rows)} references",
-        shown=_tables(label, result),
+        shown=_make_tables(label, result),
         remarks=swept.notes,
         status=swept.status,
-        panels=_panels(label, result),
+        panels=_draw_panels(label, result),
         options={"judge": JUDGE, "seed": o.seed},
         about={
             "schema": "ssmr.study/1",
@@ -435,8 +439,8 @@ def study_transfer(o: TransferStudy) -> Study:
     )
 
 
-def _panels(label: str, result: Mapping[str, Any]) -> list[drawing.PanelRow]:
-    order = _ranked(result)
+def _draw_panels(label: str, result: Mapping[str, Any]) -> list[drawing.PanelRow]:
+    order = _ranked_names(result)
 
     def draw(ax: Axes) -> None:
         for plant, found in result["plants"].items():

@@ -18,26 +18,27 @@ from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.scores import HEADLINE_HORIZON
 from validation.output import shortened
-from validation.report.columns import length_unit
+from validation.report.columns import DEGREES, length_unit
 from validation.report.drawing import (
     ALARM,
     BROAD,
+    COMMAND_LOOK,
     NARROW,
     QUIET,
+    Curve,
     Dashes,
     HorizonMarks,
+    Panel,
     PanelRow,
-    at_least,
     corner_note,
-    draw_dart,
+    draw_curves,
     draw_ellipse,
     draw_horizons,
     draw_page,
-    draw_ring,
-    equal_scales,
+    draw_paths,
     how_driven,
     ink_of,
-    joined,
+    join_pieces,
     key_line,
 )
 from validation.report.motions import Motions, headline_error
@@ -64,7 +65,6 @@ _STRETCH = 36.0
 """Length of that part [s]."""
 _MEAN_TIME = 0.25
 """Time over which wheel loads are averaged [s]: five periods of the driver's commands."""
-_COMMAND_INK = "0.5"
 _MARKERS = {
     "mujoco": "o",
     "improved": "s",
@@ -173,34 +173,36 @@ class Comparison(Motions):
             legend.append(key_line(label, marker=marker, **_look_of(track)))
         if self._by_speed:
             label = "command\nas given"
-            legend.append(key_line(label, color=_COMMAND_INK, linewidth=1.0))
+            legend.append(key_line(label, **COMMAND_LOOK))
         return legend
 
     # --- paths ---
 
     def _draw_paths(self, ax: Axes) -> None:
         """Draw the paths as they were driven."""
+        curves = list[Curve]()
+        ends = {}
         for track in self.tracks():
-            first = track.pieces[0]
             paths = [(piece.pose[:, 0], piece.pose[:, 1]) for piece in track.pieces]
-            ax.plot(*joined(paths), **_look_of(track))
-            draw_dart(ax, track.pieces[-1].pose[-1], track.name, 12.0)
+            curves.append((*join_pieces(paths), _look_of(track)))
+            ends[track.name] = track.pieces[-1].pose[-1]
+            first = track.pieces[0]
             self._draw_band(track, (0, 0, len(first) - 1), first.pose[0], ax)
-        draw_ring(ax, *map(float, self.truth[0].xy[0]))
-        equal_scales(ax, 1.0)
+        draw_paths(curves, ends, 1.0, ax)
         ax.set(title="Paths [m] (ring: start)", xlabel="x [m]", ylabel="y [m]")
 
     def _draw_window(self, window: tuple[int, int, int], ax: Axes) -> None:
         """Draw the paths over one window, each seen from its own pose at the window's start."""
         i, a, b = window
+        curves = list[Curve]()
+        ends = {}
         for track in self.tracks():
             pose = track.pieces[i].pose
-            seen = relative(pose[a], pose[a : b + 1])
-            ax.plot(seen[:, 0], seen[:, 1], **_look_of(track))
+            x, y, yaw = relative(pose[a], pose[a : b + 1]).T
+            curves.append((x, y, _look_of(track)))
+            ends[track.name] = np.array([x[-1], y[-1], yaw[-1]])
             self._draw_band(track, window, np.zeros(3), ax)
-            draw_dart(ax, seen[-1], track.name, 12.0)
-        draw_ring(ax, 0.0, 0.0)
-        equal_scales(ax, 0.6)
+        draw_paths(curves, ends, 0.6, ax)
         ax.locator_params(axis="x", nbins=5)
         t = self.truth[i].t - self._span[0]
         ax.set_title(f"{t[a]:.1f} to {t[b]:.1f} s", fontweight="normal")
@@ -290,81 +292,62 @@ class Comparison(Motions):
         begin = min(float(begins[np.argmax(ways)]), stop - _STRETCH)
         return begin, begin + _STRETCH
 
-    def _draw_over_time(
-        self, track: Track, values: Callable[[Trajectory], FloatArray], ax: Axes, **look: Any
-    ) -> None:
-        """Draw a quantity of a motion over the span of velocities; `look` may differ from its."""
-        span = self._shown_span
-        begin, end = self._span
+    def _over_time(
+        self, track: Track, values: Callable[[Trajectory], FloatArray], **look: Any
+    ) -> Curve:
+        """Return a quantity of a motion over the span of velocities; `look` may differ from its."""
+        low, high = self._shown_span
         parts = []
         for piece in track.pieces:
-            k = (piece.t >= span[0]) & (piece.t <= span[1])
-            if k.any():
-                parts.append((piece.t[k] - begin, values(piece)[k]))
-        ax.plot(*joined(parts), **_look_of(track) | look)
-        ax.set_xlim(span[0] - begin, span[1] - begin)
+            k = (piece.t >= low) & (piece.t <= high)
+            parts.append((piece.t[k] - self._span[0], values(piece)[k]))
+        return *join_pieces(parts), _look_of(track) | look
+
+    @cached_property
+    def _time_axis(self) -> dict[str, Any]:
+        """The axis of the span of velocities."""
+        begin, end = self._span
+        low, high = self._shown_span
         label = "time [s]"
         if begin:
             label += f" after {begin:.1f} s of the log"
-        if span != self._span:
+        if (low, high) != (begin, end):
             label += f", part of {end - begin:.0f} s"
-        ax.set_xlabel(label)
+        return {"xlim": (low - begin, high - begin), "xlabel": label}
 
     def _draw_velocity(self, title: str, column: int, command: int, ax: Axes) -> None:
         """Draw one component of every robot's velocity, and of the command if it is a velocity."""
+        curves = [
+            self._over_time(track, lambda piece: piece.twist[:, column]) for track in self.tracks()
+        ]
         if self._by_speed:
             parts = [(t - self._span[0], values[:, command]) for t, values in self.given()]
-            ax.plot(
-                *joined(parts),
-                color=_COMMAND_INK,
-                linewidth=1.0,
-                drawstyle="steps-post",
-                zorder=1.8,
-                gid="command",
-            )
-        for track in self.tracks():
-            self._draw_over_time(track, lambda piece: piece.twist[:, column], ax)
-        ax.set_title(title)
-        at_least(ax, 0.1)
+            curves.append((*join_pieces(parts), COMMAND_LOOK))
+        draw_curves(curves, 0.1, ax, title=title, **self._time_axis)
 
     def _error_panels(self, tracks: Sequence[Track]) -> PanelRow:
         """Return panels of the motions' errors at equal times."""
-
-        def distance(piece: Trajectory, true: Trajectory) -> FloatArray:
-            return np.hypot(*(piece.xy - true.xy).T)
-
-        def yaw_error(piece: Trajectory, true: Trajectory) -> FloatArray:
-            return np.degrees(wrap_angle(piece.yaw - true.yaw))
-
-        greatest = []
-        for track in tracks:
-            pairs = zip(track.pieces, self.truth, strict=True)
-            greatest += [float(distance(piece, true).max()) for piece, true in pairs]
-        unit = length_unit(greatest)
-        panels = [
-            partial(self._draw_error, f"Position error [{unit.symbol}]", distance, unit.scale),
-            partial(self._draw_error, "Yaw error [deg]", yaw_error, 1.0),
-        ]
-        return PanelRow(2.3, panels)
-
-    def _draw_error(
-        self,
-        title: str,
-        error: Callable[[Trajectory, Trajectory], FloatArray],
-        scale: float,
-        ax: Axes,
-    ) -> None:
+        positions = list[Curve]()
+        yaws = list[Curve]()
         begin, end = self._span
-        _, *others = self.tracks()
-        for track in others:
-            pairs = zip(track.pieces, self.truth, strict=True)
-            errors = [(true.t - begin, scale * error(piece, true)) for piece, true in pairs]
-            ax.plot(*joined(errors), **_look_of(track))
-        ax.set(title=f"{title} at equal times", xlabel="time [s]", xlim=(0.0, end - begin))
-        at_least(ax, 1e-3)
+        for track in tracks:
+            pairs = list(zip(track.pieces, self.truth, strict=True))
+            off = [(true.t - begin, np.hypot(*(piece.xy - true.xy).T)) for piece, true in pairs]
+            positions.append((*join_pieces(off), _look_of(track)))
+            off = [(true.t - begin, wrap_angle(piece.yaw - true.yaw)) for piece, true in pairs]
+            yaws.append((*join_pieces(off), _look_of(track)))
+        length = length_unit([float(np.nanmax(errors)) for _, errors, _ in positions])
+        panels = list[Panel]()
+        for what, unit, curves in (("Position", length, positions), ("Yaw", DEGREES, yaws)):
+            scaled = [(t, unit.scale * errors, look) for t, errors, look in curves]
+            title = f"{what} error [{unit.symbol}] at equal times"
+            axis: dict[str, Any] = {"xlabel": "time [s]", "xlim": (0.0, end - begin)}
+            panels.append(partial(draw_curves, scaled, 1e-3, title=title, **axis))
+        return PanelRow(2.3, panels)
 
     def _draw_loads(self, track: Track, ax: Axes) -> None:
         """Draw the loads of the four wheels, averaged over 0.25 s, and the verdict on them."""
+        curves = []
         for k, wheel in enumerate(WHEELS):
             look: dict[str, Any] = {
                 "color": ink_of(track.name) if wheel.startswith("front") else "0.25",
@@ -372,7 +355,7 @@ class Comparison(Motions):
                 "gid": wheel,
                 "label": wheel.replace("_", " "),
             }
-            self._draw_over_time(track, partial(_mean_load, "wheel_load_N", k), ax, **look)
+            curves.append(self._over_time(track, partial(_mean_load, "wheel_load_N", k), **look))
             if track.channel(QUASI_STATIC) is not None:
                 look = {
                     "color": QUIET,
@@ -380,7 +363,9 @@ class Comparison(Motions):
                     "linestyle": (0.0, (1.0, 1.0)),
                     "gid": f"{wheel} quasi-static",
                 }
-                self._draw_over_time(track, partial(_mean_load, QUASI_STATIC, k), ax, **look)
+                curves.append(self._over_time(track, partial(_mean_load, QUASI_STATIC, k), **look))
+        title = f"Wheel loads [N]: means over {_MEAN_TIME:g} s; dotted: quasi-static"
+        draw_curves(curves, 10.0, ax, title=title, **self._time_axis)
         ax.legend(
             loc="lower right",
             bbox_to_anchor=(1.01, 0.98),
@@ -391,8 +376,6 @@ class Comparison(Motions):
             columnspacing=1.2,
             borderaxespad=0.0,
         )
-        ax.set_title(f"Wheel loads [N]: means over {_MEAN_TIME:g} s; dotted: quasi-static")
-        at_least(ax, 10.0)
         low, high = ax.get_ylim()
         ax.set_ylim(low - 0.3 * (high - low), high)  # room for the verdict
         run = self.runs.get(track.name)

@@ -35,6 +35,8 @@ _EDGE_IN = 0.12
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[["Axes"], None]
 Ink = str | tuple[float, float, float]
+Curve = tuple[FloatArray, FloatArray, Mapping[str, Any]]
+"""Abscissae and ordinates of a line, and how it looks; a NaN breaks it."""
 
 BROAD = 2.6
 NARROW = 1.5
@@ -43,9 +45,22 @@ ALARM = "#b00020"
 DASHED: Dashes = (0.0, (4.0, 1.8))
 BESIDE_INK: Ink = "0.45"
 """Ink of the baseline of a result: the plant before a fit, or the gains before a tuning."""
-REFERENCE_INK: Ink = "0.1"
-REFERENCE_DASHES: Dashes = (0.0, (5.0, 2.5))
-"""Ink of the reference that a controller follows."""
+REFERENCE_LOOK: Mapping[str, Any] = {
+    "color": "0.1",
+    "linewidth": 1.0,
+    "linestyle": (0.0, (5.0, 2.5)),
+    "zorder": 2.2,
+    "gid": "reference",
+}
+"""Line of the reference that a controller follows."""
+COMMAND_LOOK: Mapping[str, Any] = {
+    "color": "0.5",
+    "linewidth": 1.0,
+    "drawstyle": "steps-post",
+    "zorder": 1.8,
+    "gid": "command",
+}
+"""Line of the commands that drove the robots."""
 _TITLE_IN = 0.42  # height of a title
 _FOOT_IN = 0.26  # height of the line below all
 _LINE_IN = 0.185  # height of a line of words
@@ -69,16 +84,10 @@ def ink_of(name: str) -> tuple[float, float, float]:
     return red / 255.0, green / 255.0, blue / 255.0
 
 
-def joined(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """(M,) abscissae and (M, ...) ordinates of all pieces, with a NaN where the line breaks."""
-    if not parts:
-        return np.empty(0), np.empty(0)
-    xs = list[FloatArray]()
-    ys = list[FloatArray]()
-    for x, y in parts:
-        xs += [x, np.array([np.nan])]
-        ys += [y, np.full((1, *y.shape[1:]), np.nan)]
-    return np.concatenate(xs[:-1]), np.concatenate(ys[:-1])
+def join_pieces(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """(M,) abscissae and ordinates of all pieces, with a NaN where the line breaks."""
+    xs, ys = ([np.append(part[k], np.nan) for part in parts] for k in range(2))
+    return np.concatenate([*xs, [np.nan]])[:-2], np.concatenate([*ys, [np.nan]])[:-2]
 
 
 # --- marks in a panel ---
@@ -89,33 +98,6 @@ def key_line(label: str = "", **look: Any) -> Line2D:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], label=label, **look)
-
-
-def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
-    """Draw a triangle in a plant's colour that points along a pose (x, y [m], yaw [rad])."""
-    ax.plot(
-        *pose[:2],
-        marker=(3, 0, math.degrees(pose[2]) - 90.0),
-        markersize=size,
-        color=ink_of(name),
-        markeredgecolor="white",
-        markeredgewidth=0.6,
-        zorder=4.0,
-    )
-
-
-def draw_ring(ax: Axes, x: float, y: float) -> None:
-    """Draw a ring where motions start."""
-    ax.plot(
-        x,
-        y,
-        "o",
-        markersize=8.0,
-        markerfacecolor="white",
-        markeredgecolor="0.1",
-        markeredgewidth=1.5,
-        zorder=3.5,
-    )
 
 
 def draw_ellipse(
@@ -149,11 +131,38 @@ def equal_scales(ax: Axes, smallest: float) -> None:
     ax.set_aspect("equal", adjustable="datalim")
 
 
-def at_least(ax: Axes, reach: float) -> None:
-    """Widen the ordinate to show at least `reach`: rounding errors are not to fill a panel."""
+def draw_curves(curves: Iterable[Curve], least: float, ax: Axes, **settings: Any) -> None:
+    """Draw lines in a panel that shows at least `least` of the ordinate; `settings` are its own.
+
+    Rounding errors are not to fill a panel.
+    """
+    for x, y, look in curves:
+        ax.plot(x, y, **look)
+    ax.set(**settings)
     low, high = ax.get_ylim()
-    spare = max(0.0, 0.5 * (reach - (high - low)))
+    spare = max(0.0, 0.5 * (least - (high - low)))
     ax.set_ylim(low - spare, high + spare)
+
+
+def draw_paths(
+    curves: Sequence[Curve], ends: Mapping[str, FloatArray], smallest: float, ax: Axes
+) -> None:
+    """Draw paths from the ring at their start to darts in the colours of the plants.
+
+    Args:
+        curves: the paths; the first one is that of the reference.
+        ends: (3,) pose of each plant at its path's end, by name.
+        smallest: least extent of the panel [m].
+        ax: the panel, which gets equal scales.
+    """
+    for x, y, look in curves:
+        ax.plot(x, y, **look)
+    x, y, _ = curves[0]
+    ax.plot(x[0], y[0], "o", ms=8.0, mfc="white", mec="0.1", mew=1.5, zorder=3.5)
+    for name, (*place, yaw) in ends.items():
+        dart = (3, 0, math.degrees(yaw) - 90.0)
+        ax.plot(*place, marker=dart, ms=12.0, color=ink_of(name), mec="white", mew=0.6, zorder=4.0)
+    equal_scales(ax, smallest)
 
 
 def corner_note(ax: Axes, text: str, ink: str = QUIET) -> None:

@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH
-from ssmr.geometry import wrap_angle
-from ssmr.types import FloatArray, Trajectory
+from ssmr.geometry import relative, wrap_angle
+from ssmr.types import Trajectory
 from validation.experiment.tracked import Followed, lost_text, saturated
 from validation.output import shortened
 from validation.report.columns import DEGREES, Unit, length_unit
 from validation.report.drawing import (
     ALARM,
+    COMMAND_LOOK,
     NARROW,
-    REFERENCE_DASHES,
-    REFERENCE_INK,
+    REFERENCE_LOOK,
+    Curve,
+    Panel,
     PanelRow,
-    at_least,
-    draw_dart,
+    draw_curves,
     draw_page,
-    draw_ring,
-    equal_scales,
+    draw_paths,
     ink_of,
     key_line,
 )
@@ -34,22 +32,19 @@ from validation.report.drawing import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 _WIDE = 2.6  # a reference wider than so many times its height has a row of its own
-_SPEEDS = (
-    ("Speed u [m/s]", ("v_x", "u_ref", "v_cmd"), 0),
-    ("Yaw rate [rad/s]", ("yaw_rate", "w_ref", "w_cmd"), 2),
-)
-_WANTED = "0.6"
-_COMMAND = "#6a3d9a"
-_ERRORS = ("e_rho", "e_y", "e_alpha")
-_SATURATED = "#d9534f"
-_REFERENCE: dict[str, Any] = {
-    "color": REFERENCE_INK,
-    "linewidth": 1.0,
-    "linestyle": REFERENCE_DASHES,
+_SPEEDS = {
+    "Speed u [m/s]": (0, "v_x", "u_ref", "v_cmd"),
+    "Yaw rate [rad/s]": (2, "yaw_rate", "w_ref", "w_cmd"),
 }
+_ERRORS = {
+    "e_rho": "how far ahead the target is",
+    "e_y": "its offset to the left",
+    "e_alpha": "its heading",
+}
+_REQUEST = {"linewidth": 0.8, "alpha": 0.6, "zorder": 1.8}
+_SATURATED: dict[str, Any] = {"color": "#d9534f", "alpha": 0.12, "zorder": 0.5, "gid": "saturated"}
 
 
 def longest_target(robots: Sequence[Followed]) -> Trajectory:
@@ -57,195 +52,99 @@ def longest_target(robots: Sequence[Followed]) -> Trajectory:
     return max((robot.target for robot in robots), key=len)
 
 
-def _legend(robots: Sequence[Followed]) -> list[Line2D]:
-    unit = length_unit([r.metrics["d_rms_m"] for r in robots])
-    looks: dict[str, dict[str, Any]] = {}
+def error_units(robots: Sequence[Followed]) -> dict[str, Unit]:
+    """Return the units of the errors to the moving target, by column."""
+    reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in robots if len(r.run.t)]
+    length = length_unit([float(max(reach, default=0.0))])
+    return dict(zip(_ERRORS, (length, length, DEGREES), strict=True))
+
+
+def _look_of(robot: Followed) -> dict[str, Any]:
+    """Return how a robot's line looks; of one that was lost at once there is only a point."""
+    marker = "o" if len(robot.run.t) < 2 else ""
+    look = {"linewidth": NARROW, "marker": marker, "zorder": 2.5, "gid": robot.plant}
+    return {"color": ink_of(robot.plant), **look}
+
+
+def _velocities(
+    robots: Sequence[Followed], column: int, done: str, wanted: str, commanded: str
+) -> list[Curve]:
+    """Return the actual and the wanted velocity of each robot, and that of the reference.
+
+    Of a single robot the command is there too.
+    """
+    target = longest_target(robots)
+    curves: list[Curve] = [(target.t[:-1], target.twist[:-1, column], REFERENCE_LOOK)]
     for r in robots:
-        d_rms = f"d_rms {unit.text(r.metrics['d_rms_m'])} {unit.symbol}"
-        looks[f"{r.plant}\n{d_rms}"] = {"color": ink_of(r.plant), "linewidth": 2.4}
-    looks["reference\n"] = _REFERENCE
-    # several robots' requests have their own colours, but pale
-    request = "speed\nrequest" if len(robots) == 1 else "pale: speed\nrequest"
-    looks[request] = {"color": _WANTED, "linewidth": 0.8, "alpha": 0.6}
+        look = _look_of(r)
+        request = {**_REQUEST, "color": look["color"], "gid": f"{r.plant} wanted"}
+        curves += [(r.run.t, r.run.column(done), look), (r.run.t, r.run.column(wanted), request)]
     if len(robots) == 1:
-        looks["command to\nthe drive"] = {"color": _COMMAND}
-        saturated = {"color": _SATURATED, "linewidth": 7.0, "alpha": 0.2}
-        looks["a torque or the\ncommand at its limit"] = saturated
-    return [key_line(label, **look) for label, look in looks.items()]
+        curves.append((r.run.t, r.run.column(commanded), COMMAND_LOOK))
+    return curves
 
 
-def _finish_time(robots: Sequence[Followed], ax: Axes) -> None:
-    """Set the time axis, and mark where robots were lost, or the only one at its limits."""
+def _true_errors(robots: Sequence[Followed], name: str, unit: Unit) -> list[Curve]:
+    """Return an error of the robots themselves, not of what they see, and what it should reach."""
+    lookahead = robots[0].options.get("lookahead_m")
+    goal = lookahead if name == "e_rho" and isinstance(lookahead, int | float) else 0.0
+    t = longest_target(robots).t[[0, -1]]
+    curves: list[Curve] = [(t, np.full(2, goal * unit.scale), {**REFERENCE_LOOK, "gid": "goal"})]
+    for r in robots:
+        aim = r.run.columns("target_x", "target_y", "target_yaw")
+        x, y, yaw = relative(r.run.columns("x", "y", "yaw"), aim).T
+        turn = np.where(np.hypot(x, y) <= ALPHA_SWITCH, wrap_angle(yaw), 0.0)
+        error = dict(zip(_ERRORS, (x, y, turn), strict=True))[name]
+        curves.append((r.run.t, unit.scale * error, _look_of(r)))
+    return curves
+
+
+def _draw_over_time(
+    robots: Sequence[Followed], curves: Sequence[Curve], title: str, least: float, ax: Axes
+) -> None:
+    """Draw lines over time, and mark where robots were lost, or the only one at its limits."""
     last = max((float(r.run.t[-1]) for r in robots if len(r.run.t)), default=0.0)
-    ax.set(xlim=(0.0, max(last, 0.5)), xlabel="time [s]")
+    draw_curves(curves, least, ax, title=title, xlim=(0.0, max(last, 0.5)), xlabel="time [s]")
     ax.locator_params(axis="y", nbins=6)
     for r in robots:
         if r.run.lost and len(r.run.t):
-            ax.axvline(
-                r.run.t[-1],
-                color=ALARM,
-                linewidth=1.0,
-                linestyle=":",
-                zorder=1.9,
-                gid=f"{r.plant} lost",
-            )
+            ax.axvline(r.run.t[-1], color=ALARM, linewidth=1.0, linestyle=":", zorder=1.9)
     run = robots[0].run
     at_limit = saturated(run, robots[0].options)
     if len(robots) == 1 and at_limit.any():
-        # A tick stands for the time until the next.
+        # a tick stands for the time until the next
         lasting = at_limit | np.append(False, at_limit[:-1])
+        across = ax.get_xaxis_transform()
         ax.fill_between(
             run.t,
             0.0,
             1.0,
             where=lasting,
             step="post",
-            transform=ax.get_xaxis_transform(),
-            color=_SATURATED,
-            alpha=0.12,
+            transform=across,
             linewidth=0.0,
-            zorder=0.5,
-            gid="saturated",
+            **_SATURATED,
         )
 
 
-def _marker(robot: Followed) -> str:  # of a robot that was lost before there is a line to show
-    if len(robot.run.t) < 2:
-        return "o"
-    return ""
-
-
-def _draw_speed(
-    robots: Sequence[Followed], title: str, names: tuple[str, str, str], column: int, ax: Axes
-) -> None:
-    """Draw the actual, wanted and commanded velocity, and that of the reference."""
-    done, wanted, commanded = names
-    target = longest_target(robots)
-    ax.plot(
-        target.t[:-1],
-        target.twist[:-1, column],
-        **_REFERENCE,
-        zorder=2.2,
-        gid="reference",
-    )
-    for r in robots:
-        run = r.run
-        ink = _WANTED if len(robots) == 1 else ink_of(r.plant)
-        if len(robots) == 1:
-            ax.plot(
-                run.t,
-                run.column(commanded),
-                color=_COMMAND,
-                linewidth=0.9,
-                drawstyle="steps-post",
-                zorder=1.5,
-            )
-        ax.plot(
-            run.t,
-            run.column(wanted),
-            color=ink,
-            linewidth=0.8,
-            alpha=0.6,
-            zorder=1.8,
-            gid=f"{r.plant} wanted",
-        )
-        ax.plot(
-            run.t,
-            run.column(done),
-            color=ink_of(r.plant),
-            linewidth=NARROW,
-            marker=_marker(r),
-            zorder=2.5,
-            gid=r.plant,
-        )
-    ax.set_title(title)
-    at_least(ax, 0.1)
-    _finish_time(robots, ax)
-
-
-def _draw_error(
-    robots: Sequence[Followed], title: str, column: str, unit: Unit, least: float, ax: Axes
-) -> None:
-    """Draw one of the errors, without noise, and the value that it should reach."""
-    lookahead = robots[0].options.get("lookahead_m")
-    goal = float(lookahead) if column == "e_rho" and isinstance(lookahead, int | float) else 0.0
-    ax.axhline(
-        goal * unit.scale,
-        **_REFERENCE,
-        zorder=1.8,
-        gid="goal",
-    )
-    for r in robots:
-        error = _true_errors(r.run)[:, _ERRORS.index(column)] * unit.scale
-        ax.plot(
-            r.run.t,
-            error,
-            color=ink_of(r.plant),
-            linewidth=1.2,
-            marker=_marker(r),
-            zorder=2.5,
-            gid=r.plant,
-        )
-    ax.set_title(f"{title} [{unit.symbol}]")
-    at_least(ax, least * unit.scale)
-    _finish_time(robots, ax)
-
-
-def _draw_paths(robots: Sequence[Followed], ax: Axes) -> None:
+def _draw_robot_paths(robots: Sequence[Followed], ax: Axes) -> None:
     """Draw the reference, from its ring to its square, and the robots' paths, ended by darts."""
     reference = longest_target(robots).xy
-    ax.plot(
-        *reference.T,
-        **_REFERENCE,
-        zorder=2.8,
-        gid="reference",
-    )
-    ax.plot(
-        *reference[-1],
-        "s",
-        markersize=6.5,
-        markerfacecolor="white",
-        markeredgecolor=REFERENCE_INK,
-        zorder=3.4,
-    )
-    draw_ring(ax, *map(float, reference[0]))
+    x, y = reference.T
+    curves: list[Curve] = [(x, y, {**REFERENCE_LOOK, "zorder": 2.8})]
+    square = {"marker": "s", "markersize": 6.5, "color": "0.1", "mfc": "white", "zorder": 3.4}
+    curves.append((x[-1:], y[-1:], square))
+    ends = {}
     for r in robots:
-        x, y = r.run.columns("x", "y").T
-        ax.plot(x, y, color=ink_of(r.plant), linewidth=2.0, zorder=2.5, gid=r.plant)
-        if not len(x):
-            continue
-        draw_dart(ax, r.run.columns("x", "y", "yaw")[-1], r.plant, 12.0)
+        x, y, yaw = r.run.columns("x", "y", "yaw").T
+        curves.append((x, y, _look_of(r)))
+        if len(x):
+            ends[r.plant] = np.array([x[-1], y[-1], yaw[-1]])
         if r.run.lost:
-            ax.plot(
-                x[-1],
-                y[-1],
-                "x",
-                color=ALARM,
-                markersize=10.0,
-                markeredgewidth=2.1,
-                zorder=4.5,
-                gid=f"{r.plant} lost",
-            )
-    equal_scales(ax, 0.6)
+            cross = {"marker": "x", "color": ALARM, "markersize": 10.0, "mew": 2.1, "zorder": 4.5}
+            curves.append((x[-1:], y[-1:], cross))
+    draw_paths(curves, ends, 0.6, ax)
     ax.set(title="Paths [m] (ring: start; square: end)", xlabel="x [m]", ylabel="y [m]")
-
-
-def _true_errors(run: ClosedRun) -> FloatArray:
-    """Return (M, 3) e_rho, e_y [m] and e_alpha [rad] of the robot itself, not of what it sees."""
-    x, y, yaw, *aim = run.columns("x", "y", "yaw", "target_x", "target_y", "target_yaw").T
-    dx = aim[0] - x
-    dy = aim[1] - y
-    along = np.cos(yaw) * dx + np.sin(yaw) * dy
-    aside = np.cos(yaw) * dy - np.sin(yaw) * dx
-    turn = np.where(np.hypot(dx, dy) <= ALPHA_SWITCH, wrap_angle(aim[2] - yaw), 0.0)
-    return np.column_stack([along, aside, turn])
-
-
-def error_units(robots: Sequence[Followed]) -> dict[str, Unit]:
-    """Return the units of the errors to the moving target, by column."""
-    reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in robots if len(r.run.t)]
-    length = length_unit([float(max(reach, default=0.0))])
-    return dict(zip(_ERRORS, (length, length, DEGREES), strict=True))
 
 
 def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: str) -> Figure:
@@ -261,32 +160,41 @@ def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: str) ->
         gains: the controller's gains, in words.
         foot: how they were driven.
     """
-    titles = ("how far ahead the target is", "its offset to the left", "its heading")
-    units = error_units(robots)
-    panels = []
-    for error, (column, unit) in zip(titles, units.items(), strict=True):
-        least = math.radians(1.0) if unit is DEGREES else 0.01
-        panels.append(partial(_draw_error, robots, f"{column}: {error}", column, unit, least))
-    speeds = [partial(_draw_speed, robots, *speed) for speed in _SPEEDS]
-    paths = partial(_draw_paths, robots)
-    places = list[FloatArray]()
-    for r in robots:
-        places += [r.target.xy, r.run.columns("x", "y")]
+    panels = list[Panel]()
+    for name, unit in error_units(robots).items():
+        heading = f"{name}: {_ERRORS[name]} [{unit.symbol}]"
+        least = 1.0 if unit is DEGREES else 0.01 * unit.scale
+        curves = _true_errors(robots, name, unit)
+        panels.append(partial(_draw_over_time, robots, curves, heading, least))
+    speeds = list[Panel]()
+    for heading, columns in _SPEEDS.items():
+        curves = _velocities(robots, *columns)
+        speeds.append(partial(_draw_over_time, robots, curves, heading, 0.1))
+    paths = partial(_draw_robot_paths, robots)
+    places = [r.target.xy for r in robots] + [r.run.columns("x", "y") for r in robots]
     width, height = np.ptp(np.concatenate(places), axis=0) + 0.3
+    rows = [PanelRow(3.6, [paths, *speeds], (0.3, 0.35, 0.35))]
     if width > _WIDE * height:
         tall = float(np.clip(12.0 * height / width + 0.75, 1.5, 2.25))
         rows = [PanelRow(tall, [paths]), PanelRow(2.0, speeds)]
-    else:
-        rows = [PanelRow(3.6, [paths, *speeds], (0.3, 0.35, 0.35))]
     plants = robots[0].plant if len(robots) == 1 else f"{len(robots)} simulations"
     heading = f"{title} · {plants}"
     lost = [r for r in robots if r.run.lost]
     if lost:
         heading += f" · LOST: {', '.join(r.plant for r in lost)}"
+    unit = length_unit([r.metrics["d_rms_m"] for r in robots])
+    looks: dict[str, Any] = {}
+    for r in robots:
+        d_rms = f"d_rms {unit.text(r.metrics['d_rms_m'])} {unit.symbol}"
+        looks[f"{r.plant}\n{d_rms}"] = _look_of(r)
+    looks |= {"reference\n": REFERENCE_LOOK, "pale: speed\nrequest": {**_REQUEST, "color": "0.5"}}
+    if len(robots) == 1:
+        looks["command to\nthe drive"] = COMMAND_LOOK
+        looks["a torque or the\ncommand at its limit"] = {**_SATURATED, "linewidth": 7.0}
     return draw_page(
         shortened(heading, 100),
         [*rows, PanelRow(2.0, panels)],
-        legend=_legend(robots),
+        legend=[key_line(label, **look) for label, look in looks.items()],
         notes=[*(f"{r.plant} was {lost_text(r.run)}" for r in lost), gains],
         foot=foot,
         ink=ALARM if lost else "0.0",

@@ -11,7 +11,7 @@ if __name__ == "__main__":
     end_quietly()
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -72,18 +72,8 @@ def list_robots() -> None:
     for robot in map(load_robot, shipped_robots()):
         spot = spot_turn(robot)
         of_robot = ", ".join(p.name for p in profiles if p.robot.name == robot.name)
-        rows.append(
-            {
-                "name": robot.name,
-                "robot": robot.title,
-                "mass_kg": robot.mass,
-                "wheelbase_m": robot.wheelbase,
-                "track_m": robot.track,
-                "wheel_radius_m": robot.wheel_radius,
-                "multiplier": spot and spot.multiplier,
-                "profiles": of_robot or None,
-            }
-        )
+        row = {"name": robot.name, "robot": robot.title, **_sizes_of(robot)}
+        rows.append({**row, "multiplier": spot and spot.multiplier, "profiles": of_robot or None})
     caption = (
         "multiplier: yaw rate that the wheels ask for over that of the body, "
         "turning on the spot, by mechanics"
@@ -159,8 +149,7 @@ class RobotCheck(Report):
 
     def notes(self) -> list[str]:
         """Return the verdict, faults and questions."""
-        faults = len(self.faults)
-        notes = [_verdict(self.robot, faults, len(self.findings) - faults)]
+        notes = [_verdict(self.robot, self.findings)]
         sentences = self.examined.sentences
         if not sentences and self.remarks and self.spot is not None:
             turned = 90.0 / self.spot.multiplier
@@ -250,17 +239,15 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     if is_mjcf:
         findings = [f for f in findings if f.kind != "motor_weak" or f.before is not None]
     findings.sort(key=lambda finding: finding.severity)
-    faults = sum(finding.severity == "fault" for finding in findings)
-    verdict = _verdict(robot, faults, len(findings) - faults)
-    return RobotCheck(
+    report = RobotCheck(
         title=one_line(robot.title or robot.name),
-        failure=SsmrError(verdict) if faults else None,
         robot=robot,
         spot=spot_turn(robot),
         examined=examined,
         findings=findings,
         remarks=[] if draft is None else draft.remarks,
     )
+    return report if report.ok else replace(report, failure=SsmrError(_verdict(robot, findings)))
 
 
 def _save_mended(text: str | None, target: Path | None) -> None:
@@ -272,19 +259,29 @@ def _save_mended(text: str | None, target: Path | None) -> None:
     _save(text, target, "--write")
 
 
-def _verdict(robot: Robot, faults: int, questions: int) -> str:
+def _verdict(robot: Robot, findings: Sequence[Finding]) -> str:
     """Finding of a check in a sentence; a robot with guessed numbers may still be wrong."""
-    if faults:
+    if faults := sum(finding.severity == "fault" for finding in findings):
         return f"{robot.name}: {faults} fault{'s' if faults > 1 else ''} found"
     if guesses := ", ".join(guessed(robot)):
         return f"{robot.name}: no fault found, but nobody has measured or published {guesses}"
-    if questions:
+    if findings:
         return f"{robot.name}: no fault found"
     return f"{robot.name}: nothing is wrong with it"
 
 
 def _loaded(robot: str | Path | Robot) -> Robot:
     return robot if isinstance(robot, Robot) else load_robot(robot)
+
+
+def _sizes_of(robot: Robot) -> dict[str, float]:
+    """Return the numbers by which robots are told apart, as tables and files have them."""
+    return {
+        "mass_kg": robot.mass,
+        "wheelbase_m": robot.wheelbase,
+        "track_m": robot.track,
+        "wheel_radius_m": robot.wheel_radius,
+    }
 
 
 def _document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> dict[str, Any]:
@@ -301,10 +298,7 @@ def _document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> di
         "schema": SCHEMA,
         "name": robot.name,
         "title": robot.title,
-        "mass_kg": robot.mass,
-        "wheelbase_m": robot.wheelbase,
-        "track_m": robot.track,
-        "wheel_radius_m": robot.wheel_radius,
+        **_sizes_of(robot),
         "turning_multiplier": None,
         "closed_form": None if spot is None else spot.multiplier,
         "yaw_ripple": None,

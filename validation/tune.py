@@ -391,20 +391,16 @@ def _report(
         remarks.append(demand_of(case.waypoints, case.robot, profile.name, case.reference))
     notes = [remark for remark in remarks if remark is not None]
     values = [base.values[name] for name in space.names]
-    point = search.best
-    cost = search.cost
     before = problem.cost_of(base, threads)
-    kept = problem.gains(point)
+    kept = problem.gains(search.best)
     if not o.from_scratch:
         least = problem.cost_of(base, threads, guarded=True)
-        if least <= cost:
+        if least <= search.cost:
             notes.append(
                 f"No candidate costs less than {base.name}, with which the search began: "
                 "those gains are kept."
             )
             kept = base
-            cost = least
-            point = space.points(values)
         elif math.isinf(least) and math.isfinite(before):
             notes.append(
                 f"{base.name}, with which the search began, fails the stability guard, "
@@ -419,8 +415,7 @@ def _report(
                 f"{base.name} are kept."
             )
             kept = base
-            cost = problem.cost_of(base, threads)
-            point = space.points(values)
+    cost, point = (before, space.points(values)) if kept is base else (search.cost, search.best)
     notes += bound_sentences(space, point)
     shipped = shipped_gains(base.controller, profile.name)
     sets = {"tuned": kept, "baseline": base}

@@ -18,8 +18,9 @@ import hashlib
 import math
 import os
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ except ImportError as missing:
         "recordings need the package rerun-sdk; save(folder, recording=False) does without"
     ) from missing
 
-from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to_quat_wxyz
+from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, yaw_to_quat_wxyz
 from ssmr.robot.ground import LEFT
 from ssmr.types import FloatArray
 from validation.output import each_line, one_line, write_atomic
@@ -161,11 +162,7 @@ def write_scene(scene: Scene, path: Path) -> None:
 
 
 def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
-    errors = []
-    for track in scene.tracks:
-        if track.reference is not None:
-            errors.append(float(np.hypot(*track.seen[:, :2].T).max()))
-    unit = length_unit(errors)
+    unit = length_unit([float(track.errors[0].max()) for track in scene.tracks])
     plots: dict[str, Series] = {}
     for track in scene.tracks:
         plots |= _plots_of(track, unit)
@@ -174,25 +171,35 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
     recording.send_blueprint(_layout(scene, plots, extent))
     recording.send_recording_name(one_line(scene.title))
     report = rr.TextDocument(each_line(scene.report), media_type=rr.MediaType.MARKDOWN)
-    recording.log("report", report, static=True)
-    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    _write_ground(recording, scene.tracks[0], extent)
+    parts = [
+        [("report", None, report), ("/", None, rr.ViewCoordinates.RIGHT_HAND_Z_UP)],
+        _ground_parts(extent),
+    ]
     for rank, track in enumerate(scene.tracks):
-        _write_robot(recording, track, rank == 0)
-        _write_path(recording, track, rank)
-        _write_name(recording, track, rank, extent)
+        parts += [
+            _robot_parts(track, rank == 0),
+            _path_parts(track, rank),
+            _name_parts(track, rank, extent),
+        ]
     if scene.target is not None:
-        _write_path(recording, scene.target, 0)
-        _write_target(recording, scene.target, extent.scale)
-    for entity, series in plots.items():
-        _write_series(recording, f"plots/{entity}", series, scene.gaps)
+        parts += [_path_parts(scene.target, 0), _target_parts(scene.target, extent.scale)]
+    parts += [_line_parts(f"plots/{entity}", each, scene.gaps) for entity, each in plots.items()]
+    for entity, t, values in chain.from_iterable(parts):
+        if t is None:
+            recording.log(entity, values, static=True)
+        else:
+            recording.send_columns(entity, [rr.TimeColumn(_TIMELINE, duration=t)], values)
+
+
+_Parts = Iterable[tuple[str, FloatArray | None, Any]]
+"""Parts of a recording: entity, stamps [s] or None for what does not change, and values."""
 
 
 # --- the world ---
 
 
-def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> None:
-    """Log a robot's bodies and its motion.
+def _robot_parts(track: Track, solid: bool) -> _Parts:
+    """A robot's bodies and its motion.
 
     One beside another is drawn transparent, in shades of its plant's colour.
     """
@@ -201,27 +208,27 @@ def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> No
     for body, solids in looks.solids.items():
         for kind in dict.fromkeys(s.kind for s in solids):
             of_kind = [s for s in solids if s.kind == kind]
-            shapes = _shapes(kind, of_kind, track, solid)
-            recording.log(f"{entity}/{body}/{kind}", shapes, static=True)
+            yield f"{entity}/{body}/{kind}", None, _shapes(kind, of_kind, track, solid)
     rows = track.rows
     t = track.t[rows]
     turns = track.turns[rows]
     zero = np.zeros(len(rows))
-    _send_poses(recording, entity, t, track.body[rows])
-    recording.log(f"{entity}/base", rr.Transform3D(translation=looks.places["base"]), static=True)
+    yield entity, t, _pose_columns(track.body[rows])
+    yield f"{entity}/base", None, rr.Transform3D(translation=looks.places["base"])
     for wheel in WHEELS:
         # about y, the axle: a positive turn rolls forward
         half = 0.5 * turns[:, 0 if wheel.endswith("left") else 1]
         quat_xyzw = np.column_stack([zero, np.sin(half), zero, np.cos(half)])
         # a static one would not combine with turns over time
         translation = np.tile(looks.places[wheel], (len(rows), 1))
-        _send_transforms(recording, f"{entity}/{wheel}", t, translation, quat_xyzw)
-    _write_forces(recording, track)
-    _write_rotation_centre(recording, track)
+        turned = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
+        yield f"{entity}/{wheel}", t, turned
+    yield from _force_parts(track)
+    yield from _centre_parts(track)
 
 
-def _write_forces(recording: rr.RecordingStream, track: Track) -> None:
-    """Log the forces of the ground as arrows in the robot's axes, where its plant has them.
+def _force_parts(track: Track) -> _Parts:
+    """The forces of the ground as arrows in the robot's axes, where its plant has them.
 
     They stand beside the wheels, because these would hide them.
     """
@@ -244,50 +251,31 @@ def _write_forces(recording: rr.RecordingStream, track: Track) -> None:
         below.append([x, y + beside, 0.0])
     entity = f"world/{track.name}/robot/contact_force"
     look = rr.Arrows3D.from_fields(colors=[bright(track.name)], radii=[0.012 * looks.scale])
-    recording.log(entity, look, static=True)
+    yield entity, None, look
     origins = np.tile(below, (len(rows), 1))
     columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), origins=origins)
-    arrows = columns.partition([len(WHEELS)] * len(rows))
-    _send(recording, entity, track.t[rows], arrows)
+    yield entity, track.t[rows], columns.partition([len(WHEELS)] * len(rows))
 
 
-def _write_rotation_centre(recording: rr.RecordingStream, track: Track) -> None:
-    """Log the point of the robot's plane that stands, while the robot turns and it is near."""
+def _centre_parts(track: Track) -> _Parts:
+    """The point of the robot's plane that stands, while the robot turns and it is near."""
     rows = track.rows
     scale = looks_of(track.robot).scale
     centre = rotation_centre(track)[rows]
     near = np.hypot(centre[:, 0], centre[:, 1]) < _NEAR * scale  # not where it is NaN
     entity = f"world/{track.name}/robot/rotation_centre"
     look = rr.Points3D.from_fields(colors=[bright(track.name)], radii=[0.04 * scale])
-    recording.log(entity, look, static=True)
+    yield entity, None, look
     places = np.column_stack([centre[near], np.zeros(np.count_nonzero(near))])
     points = rr.Points3D.columns(positions=places).partition(near.astype(int))
-    _send(recording, entity, track.t[rows], points)
+    yield entity, track.t[rows], points
 
 
-def _send_poses(
-    recording: rr.RecordingStream, entity: str, t: FloatArray, pose: FloatArray
-) -> None:
-    """Send (M, 3) poses [m, m, rad] on the ground."""
+def _pose_columns(pose: FloatArray) -> Any:
+    """(M, 3) poses [m, m, rad] on the ground as columns."""
     translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
     quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
-    _send_transforms(recording, entity, t, translation, quat_xyzw)
-
-
-def _send_transforms(
-    recording: rr.RecordingStream,
-    entity: str,
-    t: FloatArray,
-    translation: FloatArray,
-    quat_xyzw: FloatArray,
-) -> None:
-    columns = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
-    _send(recording, entity, t, columns)
-
-
-def _send(recording: rr.RecordingStream, entity: str, t: FloatArray, columns: Any) -> None:
-    """Send values at their stamps [s]."""
-    recording.send_columns(entity, [rr.TimeColumn(_TIMELINE, duration=t)], columns)
+    return rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
 
 
 def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> Any:
@@ -311,9 +299,8 @@ def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> A
     return rr.Boxes3D(half_sizes=sizes, centers=middles, **look)
 
 
-def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
-    """Log the path, one strip a piece."""
-    entity = f"world/{track.name}/path"
+def _path_parts(track: Track, rank: int) -> _Parts:
+    """The path, one strip a piece."""
     ink = colour(track.name)
     height = 0.008 if rank else 0.012
     strips = []
@@ -321,11 +308,11 @@ def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
         xy = piece.xy[kept]
         strips.append(np.column_stack([xy, np.full(len(xy), height)]))
     width = rr.Radius.ui_points(2.0 if rank else 3.0)
-    recording.log(entity, rr.LineStrips3D(strips, colors=[ink], radii=width), static=True)
+    yield f"world/{track.name}/path", None, rr.LineStrips3D(strips, colors=[ink], radii=width)
 
 
-def _write_name(recording: rr.RecordingStream, track: Track, rank: int, extent: Extent) -> None:
-    """Log the robot's name above it, the higher, the later its rank."""
+def _name_parts(track: Track, rank: int, extent: Extent) -> _Parts:
+    """The robot's name above it, the higher, the later its rank."""
     height = looks_of(track.robot).size[2] + _ABOVE * (rank + 1.5) * extent.distance
     label = rr.Points3D(
         [[0.0, 0.0, height]],
@@ -335,23 +322,22 @@ def _write_name(recording: rr.RecordingStream, track: Track, rank: int, extent: 
         ],  # on grey of a dark theme, and on light ground
         radii=rr.Radius.ui_points(1.0),
     )
-    recording.log(f"world/{track.name}/robot/name", label, static=True)
+    yield f"world/{track.name}/robot/name", None, label
 
 
-def _write_target(recording: rr.RecordingStream, target: Track, scale: float) -> None:
+def _target_parts(target: Track, scale: float) -> _Parts:
     arrow = rr.Arrows3D(
         origins=[[0.0, 0.0, 0.5 * scale]],
         vectors=[[0.45 * scale, 0.0, 0.0]],
         colors=[_TARGET],
         radii=[0.025 * scale],
     )
-    recording.log("world/target", arrow, static=True)
-    rows = target.rows
-    _send_poses(recording, "world/target", target.t[rows], target.pose[rows])
+    yield "world/target", None, arrow
+    yield "world/target", target.t[target.rows], _pose_columns(target.pose[target.rows])
 
 
-def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -> None:
-    """Log the ground below all paths and around them, just below the lines that are drawn on it."""
+def _ground_parts(extent: Extent) -> _Parts:
+    """The ground below all paths and around them, just below the lines that are drawn on it."""
     margin = 0.5 * extent.reach + 5.0 * max(extent.scale, 1.0)
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     corners = extent.middle + margin * square
@@ -361,16 +347,14 @@ def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -
         vertex_normals=[[0.0, 0.0, 1.0]] * 4,
         albedo_factor=(*GROUND, 255),
     )
-    recording.log("world/ground", ground, static=True)
+    yield "world/ground", None, ground
 
 
 # --- lines over time ---
 
 
-def _write_series(
-    recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray
-) -> None:
-    """Send the samples, thinned where there are very many.
+def _line_parts(entity: str, series: Series, gaps: FloatArray) -> _Parts:
+    """The samples, thinned where there are very many.
 
     At each instant of `gaps` [s] the lines are interrupted.
     """
@@ -379,13 +363,11 @@ def _write_series(
         mode = rr.components.InterpolationMode.StepAfter
     names = list(series.names)
     colours = list(series.colours)
-    style = rr.SeriesLines(names=names, colors=colours, interpolation_mode=mode)
-    recording.log(entity, style, static=True)
+    yield entity, None, rr.SeriesLines(names=names, colors=colours, interpolation_mode=mode)
     step = math.ceil(len(series.t) / _MOST_SAMPLES)
-    samples = rr.Scalars.columns(scalars=series.values[::step])
-    _send(recording, entity, series.t[::step], samples)
+    yield entity, series.t[::step], rr.Scalars.columns(scalars=series.values[::step])
     if len(gaps):
-        _send(recording, entity, gaps, rr.Clear.columns(is_recursive=[False] * len(gaps)))
+        yield entity, gaps, rr.Clear.columns(is_recursive=[False] * len(gaps))
 
 
 def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
@@ -405,9 +387,9 @@ def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
         "yaw_acceleration": ("rad/s²", track.channel("yaw_acceleration_rad_s2")),
     }
     if track.reference is not None:
-        distance = np.hypot(track.seen[:, 0], track.seen[:, 1])
+        distance, turn = track.errors
         single["position_error"] = (length.symbol, length.scale * distance)
-        single["yaw_error"] = ("deg", np.degrees(wrap_angle(track.seen[:, 2])))
+        single["yaw_error"] = ("deg", np.degrees(turn))
     plots = {}
     for quantity, (unit, values) in single.items():
         if values is not None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from ssmr.geometry import integral, relative
+from ssmr.geometry import integral, relative, wrap_angle
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.descriptions.loading import load_robot
@@ -150,6 +150,11 @@ class Track:
     def seen(self) -> FloatArray:
         """(M, 3) poses seen from the reference's robot [m, m, rad]."""
         return relative((self.reference or self).pose, self.pose)
+
+    @cached_property
+    def errors(self) -> tuple[FloatArray, FloatArray]:
+        """(M,) distances from the reference's robot [m], and (M,) differences of heading [rad]."""
+        return np.hypot(self.seen[:, 0], self.seen[:, 1]), wrap_angle(self.seen[:, 2])
 
     @cached_property
     def shown(self) -> list[IndexArray]:

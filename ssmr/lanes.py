@@ -134,14 +134,13 @@ def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRob
         x_icr=rows[i + at * LANES],
         drift=rows[i + (at + 1) * LANES],
         ideal=rows[i + (at + 2) * LANES] != 0.0,
-        constants=_lane(kind.constants, rows, at + 3, i),
+        dt=rows[i + (at + 3) * LANES],
+        constants=_lane(kind.constants, rows, at + 4, i),
     )
 
 
 @jit
-def _step(
-    kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int, dt: float
-) -> None:
+def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int) -> None:
     """Advance the robot of lane i by one step, see `_run_lanes`."""
     last = _lane(_DRIVER, rows, _LAST, i)
     v = rows[i + _HELD * LANES]
@@ -154,7 +153,7 @@ def _step(
     now = _lane(_MOTION, rows, 0, i)
     integral = _lane(_SIDES, rows, _INTEGRAL, i)
     robot = _robot(kind, plain, rows, i)
-    then, integral = move(now, integral, Sides(held.left, held.right), 0.0, dt, robot)
+    then, integral = move(now, integral, Sides(held.left, held.right), 0.0, robot)
     write_numbers(rows, i, LANES, (then.x, then.y, then.yaw, then.v))
     rows[i + _YAW_RATE * LANES] = then.w  # a step needs no more of a motion
     write_numbers(rows, i + _INTEGRAL * LANES, LANES, integral)
@@ -187,7 +186,7 @@ def _run_lanes(
     held: FloatArray,
     places: NDArray[np.uint64],
     rows: FloatArray,
-    times: tuple[float, int, int],
+    times: tuple[int, int],
     poses: FloatArray,
 ) -> None:
     """Drive a group of robots; write (s, M, 3) poses, or NaN.
@@ -197,11 +196,10 @@ def _run_lanes(
     than a proportional loop, limits and a delay; a missing part is left out of the compiled loop,
     which changes no bit. `prescribed` is None unless the `held` values are the wheel rates
     themselves; `places` (2 LANES,) are the indices among them of the first v, then of the first
-    omega, of each lane. `times` are the physics step [s], the number of steps, and that between
-    samples.
+    omega, of each lane. `times` are the number of physics steps, and that between samples.
     """
     _prefer_wide_vectors()
-    dt, steps, stride = times
+    steps, stride = times
     ahead = np.empty(2 * _CHUNK * _PAIR)
     due = 0
     sample = 0
@@ -218,7 +216,7 @@ def _run_lanes(
             break
         _copy_numbers(rows, _HELD * LANES, ahead, k % (2 * _CHUNK) * _PAIR, _PAIR)
         for i in range(LANES):
-            _step(kind, plain, prescribed, rows, i, dt)
+            _step(kind, plain, prescribed, rows, i)
     for i in range(len(poses)):
         total = rows[i] + rows[i + LANES] + rows[i + 2 * LANES]
         if not np.isfinite(total):
@@ -277,7 +275,7 @@ def run_population(
     drives = [drive_numbers(m.drive, commands.dt, dt) for m in models]
     period = drives[0].period
     steps = commands.n * period
-    times = (dt, steps, stride)
+    times = (steps, stride)
     if wheels:  # those of all steps, and the places of each robot's first left and right one
         step = np.arange(steps + 2 * _CHUNK)
         last = commands.n - 1
@@ -312,7 +310,7 @@ def _lane_numbers(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list
     These are its state, the twist that its driver holds, its driver and its robot.
     """
     held = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
-    centre = (robot.x_icr, robot.drift, float(robot.ideal))
+    centre = (robot.x_icr, robot.drift, float(robot.ideal), robot.dt)
     numbers = (*robot.vehicle, *robot.parameters, *robot.motor, *centre, *robot.constants)
     state = (*start.motion, *_SIDES, *held)
     return [*state, 0.0, 0.0, *drive[:_DRIVEN], *numbers]

@@ -24,7 +24,6 @@ from ssmr.parameters import packed
 from ssmr.robot.bodies import BodyPlant
 from ssmr.robot.drive import (
     Sides,
-    Wanted,
     advance_integral,
     motor_numbers,
     side_rates,
@@ -53,16 +52,15 @@ SAMPLE_DT = 0.008
 
 @jit
 def move(
-    now: Motion, integral: Sides, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot
+    now: Motion, integral: Sides, wheels: Sides, disturbance: float, robot: PlanarRobot
 ) -> tuple[Motion, Sides]:
-    """Return the motion and the integral parts of the motors' torques [N m] after a step `dt` [s].
+    """Return the motion and the integral parts of the motors' torques [N m] after a step.
 
     The motors follow the wheel-rate references `wheels`; the disturbance is a yaw acceleration
     [rad/s2].
     """
-    references = Wanted(wheels.left, wheels.right, integral.left, integral.right)
-    v, w, torque = advance(now.v, now.w, references, disturbance, dt, robot)
-    half = 0.5 * dt
+    v, w, torque = advance(now.v, now.w, wheels, integral, disturbance, robot)
+    half = 0.5 * robot.dt
     # Twice the velocities in the middle of the step; ideal wheels have the new ones from its start.
     v_twice = 2.0 * v if robot.ideal else now.v + v
     w_twice = 2.0 * w if robot.ideal else now.w + w
@@ -105,7 +103,6 @@ def sideways(v: float, w: float, x_icr: float, drift: float) -> float:
 def run_planar(
     references: FloatArray,
     disturbance: FloatArray,
-    dt: float,
     stride: int,
     robot: PlanarRobot,
     start: tuple[Motion, Sides],
@@ -116,7 +113,6 @@ def run_planar(
     Args:
         references: (n, 2) wheel-rate references [rad/s].
         disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
-        dt: step [s].
         stride: steps between samples.
         robot: numbers of the robot; the type of its parameters chooses the model.
         start: motion at the first step, and the integral parts of the motors' torques [N m].
@@ -141,10 +137,10 @@ def run_planar(
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
         w_before = now.w
         wheels = Sides(references[k, 0], references[k, 1])
-        now, integral = move(now, integral, wheels, push, dt, robot)
+        now, integral = move(now, integral, wheels, push, robot)
         if not math.isfinite(now.v + now.w):
             return k, (now, integral)
-        turn = (now.w - w_before) / dt
+        turn = (now.w - w_before) / robot.dt
     return -1, (now, integral)
 
 
@@ -214,6 +210,7 @@ class PlanarModel:
             x_icr=float(law.rotation_centre(self.vehicle, self.parameters)),
             drift=float(law.drift(self.parameters)),
             ideal=law.ideal,
+            dt=dt,
             constants=law.constants(body, parameters, dt),
         )
 
@@ -240,7 +237,6 @@ class PlanarBodies:
     def __init__(self, models: Sequence[PlanarModel], state: State, dt: float) -> None:
         """Place every robot in `state`; `dt` is the physics step [s]."""
         self._robots = [model.packed(dt) for model in models]
-        self._dt = dt
         self._now = [planar_start(state.motion, robot) for robot in self._robots]
         self._failed = np.full(len(models), -1)
 
@@ -261,7 +257,6 @@ class PlanarBodies:
             self._failed[i], self._now[i] = run_planar(
                 references[i],
                 pushes[i],
-                self._dt,
                 stride=n,
                 robot=robot,
                 start=self._now[i],
@@ -314,9 +309,7 @@ class PlanarPlant(BodyPlant):
         robot = model.packed(self.dt)
         out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
         start = planar_start(state.motion, robot)
-        failed, _ = run_planar(
-            references, push, dt=self.dt, stride=stride, robot=robot, start=start, out=out
-        )
+        failed, _ = run_planar(references, push, stride=stride, robot=robot, start=start, out=out)
         if failed >= 0:
             t = failed * self.dt
             message = f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)"

@@ -19,7 +19,7 @@ from ssmr._jit import jit, sine_cosine
 from ssmr.lanes import LANES, run_population
 from ssmr.models.law import PLANAR_MODELS, Advanced, PlanarLaw, PlanarRobot, planar_law
 from ssmr.parameters import described, parameter
-from ssmr.robot.drive import Sides, Wanted, side_rates
+from ssmr.robot.drive import Sides, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, State
@@ -38,7 +38,7 @@ class DragParameters:
 
 @jit
 def drag(
-    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+    v: float, w: float, wheels: Sides, integral: Sides, disturbance: float, robot: PlanarRobot
 ) -> Advanced:
     actual = side_rates(v, w, robot.vehicle)
     left = 20.0 * (wheels.left - actual.left)
@@ -46,8 +46,8 @@ def drag(
     resisting = robot.parameters.drag * math.tanh(50.0 * v)
     turning = robot.vehicle.half_track * (right - left) / robot.vehicle.wheel_radius
     thrust = (left + right) / robot.vehicle.wheel_radius - resisting
-    v_next = v + dt * thrust / robot.vehicle.mass
-    return v_next, w + dt * turning / robot.vehicle.yaw_inertia, Sides(left, right)
+    v_next = v + robot.dt * thrust / robot.vehicle.mass
+    return v_next, w + robot.dt * turning / robot.vehicle.yaw_inertia, Sides(left, right)
 
 
 PlanarLaw("drag", DragParameters, drag)
@@ -169,7 +169,7 @@ def test_the_loop_over_the_lanes_is_vector_instructions() -> None:
         np.zeros(100),
         places,
         rows,
-        (0.001, 8, 8),
+        (8, 8),
         np.empty((1, 2, 3)),
     )
     (code,) = loop.inspect_llvm().values()

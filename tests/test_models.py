@@ -20,7 +20,7 @@ from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.improved import ImprovedParameters, break_away, slide
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
-from ssmr.robot.drive import Wanted
+from ssmr.robot.drive import Sides
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import PlanarModel, PlanarPlant
@@ -90,7 +90,7 @@ def test_coulomb_accelerations_follow_from_the_lagrangian(
     p = CoulombParameters(u_x=0.07, mu_c=0.3, gain=60.0)
     robot = PlanarModel(p, SKEWED, Drive()).packed(0.001)
     resist = coulomb.resistance(v, w, robot)
-    dv, dw, torques = coulomb.accelerations(v, w, Wanted(*ref, 0.0, 0.0), resist, robot)
+    dv, dw, torques = coulomb.accelerations(v, w, Sides(*ref), Sides(0.0, 0.0), resist, robot)
     assert np.allclose([dv, dw], lagrange(v, w, yaw, torques, p, SKEWED), rtol=1e-11, atol=1e-10)
 
 

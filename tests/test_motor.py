@@ -17,8 +17,8 @@ from ssmr.models.improved import ImprovedParameters
 from ssmr.models.linear import LinearParameters
 from ssmr.parameters import packed
 from ssmr.robot.drive import (
+    Motor,
     Sides,
-    Wanted,
     advance_integral,
     motor_numbers,
     motor_torques,
@@ -54,18 +54,17 @@ SMOOTH = (
 """The dynamic planar models without friction, with the same loop."""
 
 
-def wanted(left: float, right: float, integral: float = 0.0) -> Wanted:
-    return Wanted(left, right, integral, integral)
+def torques(wheels: tuple[float, float], actual: Sides, gain: float, motor: Motor) -> Sides:
+    """Return the torques without an integral part."""
+    return motor_torques(Sides(*wheels), STILL, actual, gain, motor)
 
 
 def test_without_an_integral_part_the_torque_is_proportional_and_limited() -> None:
     seven = motor_numbers(Drive(), 0.001)
-    assert motor_torques(wanted(3.0, -3.0), Sides(2.9, -2.9), 100.0, seven) == pytest.approx(
-        (10.0, -10.0)
-    )
-    assert motor_torques(wanted(3.0, -3.0), STILL, 100.0, seven) == (14.0, -14.0)
+    assert torques((3.0, -3.0), Sides(2.9, -2.9), 100.0, seven) == pytest.approx((10.0, -10.0))
+    assert torques((3.0, -3.0), STILL, 100.0, seven) == (14.0, -14.0)
     free = motor_numbers(Drive(torque_limit=math.inf, no_load_rate=5.0), 0.001)
-    assert motor_torques(wanted(3.0, 0.0), STILL, 100.0, free).left == pytest.approx(300.0)
+    assert torques((3.0, 0.0), STILL, 100.0, free).left == pytest.approx(300.0)
 
 
 @pytest.mark.parametrize("rate", [-8.0, -2.0, 0.0, 3.0, 6.0, 9.0])
@@ -75,15 +74,13 @@ def test_a_motor_at_full_voltage_loses_torque_with_its_rate(rate: float) -> None
     Below full voltage the loop does not notice.
     """
     motor = motor_numbers(Drive(torque_limit=10.0, no_load_rate=6.0), 0.001)
-    most, least = (
-        motor_torques(wanted(w, w), Sides(rate, rate), 1e6, motor).left for w in (100.0, -100.0)
-    )
+    most, least = (torques((w, w), Sides(rate, rate), 1e6, motor).left for w in (100.0, -100.0))
     assert most == pytest.approx(20.0 * (1.0 - rate / 6.0))
     assert least == pytest.approx(-20.0 * (1.0 + rate / 6.0))
     if abs(rate) < 5.0:
-        assert motor_torques(
-            wanted(rate + 0.01, rate), Sides(rate, rate), 100.0, motor
-        ) == pytest.approx((1.0, 0.0))
+        assert torques((rate + 0.01, rate), Sides(rate, rate), 100.0, motor) == pytest.approx(
+            (1.0, 0.0)
+        )
 
 
 def test_the_integral_part_leaks_to_its_stiffness_and_is_stepped_exactly() -> None:
@@ -122,7 +119,7 @@ def test_the_torque_that_is_reported_is_the_one_that_moves_the_robot(
     dt = 1e-6
     robot = PlanarModel(parameters, vehicle, Drive(torque_limit=limit)).packed(dt)
     start = planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
-    now, _ = move(*start, Sides(2.5, 3.5), 0.0, dt, robot)
+    now, _ = move(*start, Sides(2.5, 3.5), 0.0, robot)
     left = now.torque_left / robot.vehicle.radius_left
     right = now.torque_right / robot.vehicle.radius_right
     assert (limit == 3.0) == (abs(now.torque_right) == 6.0)
@@ -141,7 +138,7 @@ def test_the_linear_model_is_stepped_exactly_with_unlike_radii_too() -> None:
         robot = model.packed(dt)
         now, integral = planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
         for _ in range(round(0.1 / dt)):
-            now, integral = move(now, integral, Sides(2.5, 3.5), 0.2, dt, robot)
+            now, integral = move(now, integral, Sides(2.5, 3.5), 0.2, robot)
         ends.append((now.v, now.w))
     assert ends[0] == pytest.approx(ends[1], rel=1e-10)
 

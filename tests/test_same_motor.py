@@ -23,7 +23,6 @@ from ssmr.models.linear import LinearParameters
 from ssmr.robot.drive import (
     Motor,
     Sides,
-    Wanted,
     advance_integral,
     gear_loss,
     motor_numbers,
@@ -117,8 +116,8 @@ def expected(stiffness: float) -> tuple[FloatArray, FloatArray]:
     rows = []
     for reference in wheel_references(COMMANDS, d, DT, State())[:, 0]:
         for _ in range(few):
-            commanded = Wanted(float(reference), float(reference), integral, integral)
-            torque = motor_torques(commanded, Sides(rate, rate), GAIN, motor).left
+            sides = (Sides(float(x), float(x)) for x in (reference, integral, rate))
+            torque = motor_torques(*sides, GAIN, motor).left
             before = rate
             rate = rate + DT / few * (torque - gear_loss(rate, motor)) / inertia
             integral = advance_integral(integral, float(reference) - 0.5 * (before + rate), motor)
@@ -185,8 +184,10 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> floa
     path = [data.qpos[:2].copy()]
     for reference in wheel_references(commands, plant.drive, plant.dt, State()):
         rates = Sides(*(float(data.qvel[dofs].mean()) for dofs in plant.parts.sides))
-        commanded = Wanted(*reference.tolist(), left, right)
-        torques = motor_torques(commanded, rates, section.parameters.gain, motor)
+        commanded = Sides(*reference.tolist())
+        torques = motor_torques(
+            commanded, Sides(left, right), rates, section.parameters.gain, motor
+        )
         for dofs, torque in zip(plant.parts.sides, torques, strict=True):
             data.qfrc_applied[dofs] = 0.5 * torque
         left = advance_integral(left, reference[0] - rates.left, motor)

@@ -160,7 +160,7 @@ class SlipParameters:
 
 
 @jit
-def advance(v, w, wheels, disturbance, dt, robot):
+def advance(v, w, wheels, integral, disturbance, robot):
     moved = 0.5 * robot.vehicle.wheel_radius * (1.0 - robot.parameters.slip)
     return moved * (wheels.left + wheels.right), 0.0 * w, Sides(0.0, 0.0)
 

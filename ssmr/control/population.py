@@ -98,7 +98,7 @@ def _run_planar_loop(
         for j in range(steps):
             push = disturbance[first + j] if len(disturbance) > 1 else disturbance[0]
             wheels = Sides(data.references[j, 0], data.references[j, 1])
-            now, integral = move(now, integral, wheels, push, tracker.clock.dt, robot)
+            now, integral = move(now, integral, wheels, push, robot)
     return last + 1
 
 

@@ -12,7 +12,7 @@ from ssmr._jit import jit
 from ssmr.models.friction import sign
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides, Wanted, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import Sides, motor_torques, side_rates, thrusts
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,12 @@ def resistance(v: float, w: float, robot: PlanarRobot) -> tuple[float, float]:
 
 @jit
 def accelerations(
-    v: float, w: float, wheels: Wanted, resist: tuple[float, float], robot: PlanarRobot
+    v: float,
+    w: float,
+    wheels: Sides,
+    integral: Sides,
+    resist: tuple[float, float],
+    robot: PlanarRobot,
 ) -> tuple[float, float, Sides]:
     """Return dv/dt [m/s2], d(omega)/dt [rad/s2] and the torques of both sides [N m] (Eq. 2.27).
 
@@ -75,7 +80,7 @@ def accelerations(
     vehicle = robot.vehicle
     aside = robot.constants[2] * w
     rates = side_rates(v, w, vehicle)
-    torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
+    torque = motor_torques(wheels, integral, rates, robot.parameters.gain, robot.motor)
     thrust = thrusts(torque, rates, vehicle, robot.motor)
     resisting_force, resisting_moment = resist
     turning = vehicle.half_track * (thrust.right - thrust.left)
@@ -86,17 +91,18 @@ def accelerations(
 
 @jit
 def advance(
-    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+    v: float, w: float, wheels: Sides, integral: Sides, disturbance: float, robot: PlanarRobot
 ) -> Advanced:
     """Advance the velocities by one step of Heun's method.
 
     The signs of friction are those at the start of the step. Nothing stops the sign from flipping
     at every step near rest: the numerical artefact of Fig. 3.33 belongs to the model.
     """
+    dt = robot.dt
     resist = resistance(v, w, robot)
-    dv, dw, torque = accelerations(v, w, wheels, resist, robot)
+    dv, dw, torque = accelerations(v, w, wheels, integral, resist, robot)
     dw += disturbance
-    dv2, dw2, _ = accelerations(v + dt * dv, w + dt * dw, wheels, resist, robot)
+    dv2, dw2, _ = accelerations(v + dt * dv, w + dt * dw, wheels, integral, resist, robot)
     v_next = v + 0.5 * dt * (dv + dv2)
     w_next = w + 0.5 * dt * (dw + dw2 + disturbance)
     return v_next, w_next, torque

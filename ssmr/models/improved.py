@@ -16,7 +16,7 @@ from ssmr.errors import ParameterError
 from ssmr.models.friction import improved_friction
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides, Wanted, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import Sides, motor_torques, side_rates, thrusts
 
 
 @dataclass(frozen=True)
@@ -53,13 +53,15 @@ def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, flo
 
 
 @jit
-def active(v: float, w: float, wheels: Wanted, robot: PlanarRobot) -> tuple[float, float, Sides]:
+def active(
+    v: float, w: float, wheels: Sides, integral: Sides, robot: PlanarRobot
+) -> tuple[float, float, Sides]:
     """Return the active force [N] and moment [N m], and the torques of both sides [N m].
 
     Force and moment are those of Eq. 2.21, the torques those of Eq. 2.32.
     """
     rates = side_rates(v, w, robot.vehicle)
-    torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
+    torque = motor_torques(wheels, integral, rates, robot.parameters.gain, robot.motor)
     thrust = thrusts(torque, rates, robot.vehicle, robot.motor)
     moment = robot.vehicle.half_track * (thrust.right - thrust.left)
     return thrust.left + thrust.right, moment, torque
@@ -107,7 +109,7 @@ def break_away(start: float, end: float, gain: float, static: float, dynamic: fl
 
 @jit
 def advance(
-    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+    v: float, w: float, wheels: Sides, integral: Sides, disturbance: float, robot: PlanarRobot
 ) -> Advanced:
     """Advance the velocities by one step of Heun's method on the active forces, see `slide`.
 
@@ -117,16 +119,16 @@ def advance(
     """
     vehicle = robot.vehicle
     rolling, sticking, skidding = robot.constants
-    per_moved = dt * vehicle.per_moved
-    per_turned = dt * vehicle.per_turned
+    per_moved = robot.dt * vehicle.per_moved
+    per_turned = robot.dt * vehicle.per_turned
     pushed = vehicle.turned * disturbance
-    force, moment, torque = active(v, w, wheels, robot)
+    force, moment, torque = active(v, w, wheels, integral, robot)
     moment += pushed
     friction = improved_friction(force, rolling, rolling, v)
     friction_moment = improved_friction(moment, sticking, skidding, w)
     v_there = fused(per_moved, force + friction, v)
     w_there = fused(per_turned, moment + friction_moment, w)
-    force_there, moment_there, _ = active(v_there, w_there, wheels, robot)
+    force_there, moment_there, _ = active(v_there, w_there, wheels, integral, robot)
     moment_there += pushed
     v_next = slide(v, force, force_there, per_moved, rolling, rolling)
     w_next = slide(w, moment, moment_there, per_turned, sticking, skidding)

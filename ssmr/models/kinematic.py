@@ -19,7 +19,7 @@ from typing import Any
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides, Wanted
+from ssmr.robot.drive import Sides
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def body_velocity(left: float, right: float, robot: PlanarRobot) -> tuple[float,
 
 @jit
 def advance(
-    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+    v: float, w: float, wheels: Sides, integral: Sides, disturbance: float, robot: PlanarRobot
 ) -> Advanced:
     """Return the velocities that the references give at once.
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from numba.extending import overload
 
 from ssmr.parameters import numbers_of
-from ssmr.robot.drive import Motor, Sides, Wanted
+from ssmr.robot.drive import Motor, Sides
 from ssmr.robot.vehicle import Vehicle
 
 PLANAR_MODELS = ("improved", "coulomb", "linear", "kinematic")
@@ -33,16 +33,17 @@ class PlanarRobot(NamedTuple):
     x_icr: float
     drift: float  # its shift with speed, k [s]
     ideal: bool  # whether the wheels turn exactly at their references, see `PlanarLaw.ideal`
+    dt: float  # physics step [s]
     constants: Any  # what `PlanarLaw.constants` returned
 
 
 Advanced = tuple[float, float, Sides]
 """Forward speed [m/s] and yaw rate [rad/s] after a step, and the torques of both sides at its start
 [N m]."""
-Advance = Callable[[float, float, Wanted, float, float, PlanarRobot], Advanced]
-"""One step of the velocities: v [m/s], omega [rad/s], the motor controllers' references,
-disturbing yaw acceleration [rad/s2], time step [s] and the robot's numbers give what `Advanced`
-says."""
+Advance = Callable[[float, float, Sides, Sides, float, PlanarRobot], Advanced]
+"""One step of the velocities: v [m/s], omega [rad/s], the motor controllers' references [rad/s] and
+the integral parts of their torques [N m], disturbing yaw acceleration [rad/s2] and the robot's
+numbers give what `Advanced` says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +120,14 @@ def law_of(parameters: object) -> PlanarLaw:
 
 
 def advance(
-    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+    v: float, w: float, wheels: Sides, integral: Sides, disturbance: float, robot: PlanarRobot
 ) -> Advanced:
     """Advance the velocities of any planar robot by its law; for compiled functions only."""
     raise NotImplementedError("advance works in compiled functions only")
 
 
 @overload(advance, strict=False)
-def _choose(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) -> Any:
+def _choose(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot: Any) -> Any:
     """Choose the law when a loop is compiled.
 
     Every model gets a loop of its own, without a branch at run time.
@@ -134,7 +135,7 @@ def _choose(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) 
     numbers = robot.types[robot.fields.index("parameters")]
     law = _ADVANCE[numbers.instance_class]
 
-    def call(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) -> Any:
-        return law(v, w, wheels, disturbance, dt, robot)
+    def call(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot: Any) -> Any:
+        return law(v, w, wheels, integral, disturbance, robot)
 
     return call

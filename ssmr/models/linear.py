@@ -20,7 +20,7 @@ import numpy as np
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, packed, parameter
-from ssmr.robot.drive import Wanted, exact_step, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import Sides, exact_step, motor_torques, side_rates, thrusts
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import FloatArray
 
@@ -145,7 +145,7 @@ def matrices(
 
 @jit
 def advance(
-    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+    v: float, w: float, wheels: Sides, integral: Sides, disturbance: float, robot: PlanarRobot
 ) -> Advanced:
     """Advance the velocities exactly for constant references (matrix exponential, Eq. 2.44).
 
@@ -158,7 +158,7 @@ def advance(
     free_v, free_v_by_w, free_w_by_v, free_w, held_v, held_w = robot.constants[:6]
     friction, friction_yaw, gain = robot.constants[6:]
     actual = side_rates(v, w, body)
-    torque = motor_torques(wheels, actual, gain, motor)
+    torque = motor_torques(wheels, integral, actual, gain, motor)
     thrust = thrusts(torque, actual, body, motor)
     dv = (thrust.left + thrust.right) * body.per_moved - friction * v
     turning = body.half_track * (thrust.right - thrust.left)

@@ -337,15 +337,6 @@ class Motor(NamedTuple):
     gear_loss: float  # dry friction torque of a side's gear [N m]
 
 
-class Wanted(NamedTuple):
-    """The references and the integral torques of both sides' controllers at one physics step."""
-
-    left: float  # reference of the left wheels' rate [rad/s]
-    right: float  # reference of the right wheels' rate [rad/s]
-    integral_left: float  # integral part of the left side's torque [N m]
-    integral_right: float  # integral part of the right side's torque [N m]
-
-
 @lru_cache(maxsize=64)
 def motor_numbers(drive: Drive, dt: float) -> Motor:
     """Return the numbers of a drive's motors for physics steps `dt` [s]."""
@@ -388,11 +379,17 @@ def side_torque(
 
 
 @jit
-def motor_torques(wheels: Wanted, actual: Sides, gain: float, motor: Motor) -> Sides:
-    """Return the torques of both motors at the wheels [N m], for the `actual` rates [rad/s]."""
+def motor_torques(
+    wheels: Sides, integral: Sides, actual: Sides, gain: float, motor: Motor
+) -> Sides:
+    """Return the torques of both motors at the wheels [N m].
+
+    The wheels turn at `actual` rates and are to turn at `wheels` [rad/s]; `integral` are the
+    integral parts of the torques [N m].
+    """
     return Sides(
-        side_torque(wheels.left, actual.left, wheels.integral_left, gain, motor),
-        side_torque(wheels.right, actual.right, wheels.integral_right, gain, motor),
+        side_torque(wheels.left, actual.left, integral.left, gain, motor),
+        side_torque(wheels.right, actual.right, integral.right, gain, motor),
     )
 
 

@@ -40,7 +40,7 @@ DRIVE = Drive(
     wheel_lag=0.02,
     torque_limit=400.0,
 )
-JERKY = husky(friction=0.7, gain=2100.0, armature=1.8, wheel_radius=0.16)
+JERKY = husky(friction=0.7, gain=2800.0, armature=1.8, wheel_radius=0.16)
 
 
 # ------------------------------------------------------------------------------- inertia

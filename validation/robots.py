@@ -485,6 +485,7 @@ def export_robot(
     to: ExportFormat = "urdf",
     profile: str | Path | Profile | None = None,
     errors: Mapping[str, float] = MappingProxyType({}),
+    timestep: float | None = None,
 ) -> str:
     """Return a robot as text in the format of another program.
 
@@ -497,13 +498,16 @@ def export_robot(
         profile: profile of the robot, for an MJCF and for ros2_control; the numbers of its file if
             not given.
         errors: standard errors of the numbers for ros2_control, by the names of that file.
+        timestep: physics step of an MJCF [s]; the profile's if not given.
 
     Raises:
         ValueError: there is no such robot, or its file cannot be read.
         ValueError: the profile cannot be read, is another robot's or has no place in the format,
-            or the robot cannot turn.
+            the step has none or cannot be, or the robot cannot turn.
     """
     chosen = _loaded(robot)
+    if timestep is not None and to != "mjcf":
+        raise ValueError(f"timestep: {to} has no place for it, only mjcf has")
     if profile is not None and to in ("urdf", "sdf"):
         raise ValueError(
             f"profile: a {to.upper()} has no place for its numbers; mjcf and diff-drive have"
@@ -511,7 +515,8 @@ def export_robot(
     numbers = bare_profile(chosen) if profile is None else choose_profile(profile, chosen, "")
     if to == "mjcf":
         section = numbers.section("mujoco")
-        return mjcf_text(section.parameters, section.drive)
+        step = section.parameters.timestep if timestep is None else timestep
+        return mjcf_text(replace(section.parameters, timestep=step), section.drive)
     if to == "diff-drive" and profile is not None:
         kinematic = numbers.section("kinematic")
         p = kinematic.parameters
@@ -535,6 +540,7 @@ def _export(
     *,
     to: ExportFormat = "urdf",
     profile: str | None = None,
+    timestep: float | None = None,
     out: Path | None = None,
 ) -> None:
     """Write a robot as a URDF, an SDF or an MJCF model, or its numbers for ros2_control.
@@ -548,12 +554,14 @@ def _export(
             diff_drive_controller.
         profile: Profile of this robot, whose numbers mjcf and diff-drive then have: name of a
             shipped one, or path (.toml).
+        timestep: Physics step for which an mjcf is written [s], the profile's if not given; the
+            file says up to which it will do.
         out: File to write; there must be none of that name. NAME.urdf, .sdf, .mjcf or .yaml if not
             given.
     """
     ending = "yaml" if to == "diff-drive" else to
     target = out or Path(f"{file_name(load_robot(robot).name)}.{ending}")
-    _save(export_robot(robot, to, profile), target)
+    _save(export_robot(robot, to, profile, timestep=timestep), target)
     _print([], [f"written: {visible(target)}"])
 
 

@@ -13,9 +13,11 @@ up. Both follow from the joint's dry friction: MuJoCo's solver makes it soft, of
 chosen here, up to its limit. The torque of both parts together is limited at the wheels' joints.
 
 MuJoCo's implicit integrator would take the feedback of a motor at its limit for a damper that still
-works. So models have Euler's, but where the wheels alone would be too light for K_P and the time
-step. No damping here is so strong that Euler's would have to be implicit in it, which costs a
-fifteenth of a step.
+works, and contacts would see wheels that are ahead. So models have Euler's, but where the wheels
+alone would be too light for K_P and the time step: a step leaves |1 - q| of an error with Euler's
+and 1 / (1 + q) with the implicit one, for q = K_P dt / inertia, so Euler's is the better one up to
+the square root of two. No damping here is so strong that Euler's would have to be implicit in it,
+which costs a fifteenth of a step.
 """
 
 from __future__ import annotations
@@ -44,6 +46,12 @@ _NO_LIMIT = 1e12
 _FAR = 3.0
 """Proportional part over the motor's limit beyond which the motor is at its limit whatever the
 integral part [1]."""
+_MOST_FEEDBACK = math.sqrt(2.0)
+"""Feedback of a motor on its rate times the step over the inertia, up to which Euler's integrator
+settles sooner than an implicit one [1]."""
+_MOST_SETTLING = 5.0 / 3.0
+"""Time step over the time in which slips settle, up to which these settle well [1]: each step then
+takes 5 / 3 of an error away, and 2 is the end."""
 _STIFFEST = 0.9999
 """Greatest impedance that MuJoCo takes [1]."""
 _TENDON = mujoco.mjtTrn.mjTRN_TENDON
@@ -104,12 +112,25 @@ def lead_rates(rates: FloatArray, before: FloatArray, lead: float | FloatArray) 
 
 
 def set_motors(
-    model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = ""
-) -> None:
+    model: mujoco.MjModel,
+    calibration: Calibration,
+    drive: Drive,
+    prefix: str = "",
+    settling: float = 1.0,
+) -> float:
     """Set the motors of `drive`, with the calibration's gain, on a compiled model, in place.
 
-    A motor that turns one wheel of two has half of a side's numbers. `prefix` stands in front of
-    the robot's names in a larger model.
+    A motor that turns one wheel of two has half of a side's numbers.
+
+    Args:
+        model: the model.
+        calibration: the robot's numbers.
+        drive: the motors.
+        prefix: text in front of the robot's names in a larger model.
+        settling: time constant of the slips, in time steps [1].
+
+    Returns:
+        The longest time step for which these numbers will do [s].
     """
     robot = calibration.robot
     motor = motor_numbers(drive, calibration.timestep)
@@ -122,7 +143,9 @@ def set_motors(
     model.jnt_actfrclimited[joints] = limited
     model.jnt_actfrcrange[joints] = -most, most
     light = 2.0 * (calibration.armature + robot.wheel_inertia[1])
-    too_light = max(calibration.gain, motor.braking) * calibration.timestep > light
+    feedback = max(calibration.gain, motor.braking)
+    longest = _MOST_FEEDBACK * light / feedback if feedback > 0.0 else math.inf
+    too_light = calibration.timestep > longest
     integrators = mujoco.mjtIntegrator
     model.opt.integrator = integrators.mjINT_IMPLICITFAST if too_light else integrators.mjINT_EULER
     for motor_name, wheels in robot.motors.items():
@@ -140,15 +163,18 @@ def set_motors(
         model.actuator_forcelimited[index] = bounded
         model.actuator_forcerange[index] = -bound, bound
         model.tendon_frictionloss[model.tendon(name).id] = share * lost
-        _set_integral_part(model, name, share, light, drive)
+        _set_integral_part(model, name, share, light, drive, settling * calibration.timestep)
+    slips = _MOST_SETTLING * settling * calibration.timestep
+    return slips if too_light else min(slips, longest)
 
 
 def _set_integral_part(
-    model: mujoco.MjModel, motor: str, share: float, light: float, drive: Drive
+    model: mujoco.MjModel, motor: str, share: float, light: float, drive: Drive, time: float
 ) -> None:
     """Set spring and slip of a motor with a share of a side.
 
-    `light` is the inertia of the side's wheels and rotors [kg m2].
+    `light` is the inertia of the side's wheels and rotors [kg m2], `time` that in which a slip
+    settles [s].
     """
     dt = float(model.opt.timestep)
     stiffness = share * drive.integral_gain
@@ -157,18 +183,22 @@ def _set_integral_part(
     model.actuator_biasprm[index, :3] = 0.0, -stiffness, 0.0
     dof = int(model.joint(f"{motor}_slip").dofadr[0])
     inertia = max(share * SLIP_INERTIA * light, stiffness * dt**2)
-    # Friction of impedance d that stops the rate at the end of the step is a damper of d / (1 - d)
-    # inertia / dt.
+    # Friction of impedance d that takes the rate away in a time is a damper of d / (1 - d) inertia
+    # over that time, whatever the step.
     softest = 1.0 - _STIFFEST
-    damping_dt = min(share * drive.dc_stiffness * dt, inertia / softest)
-    impedance = min(max(round(damping_dt / (damping_dt + inertia), 4), softest), _STIFFEST)
-    # a file has six digits: few of 1 - d, but enough of an inertia that goes with a d of four
+    stopped = min(share * drive.dc_stiffness * time, inertia / softest)
+    impedance = min(max(round(stopped / (stopped + inertia), 4), softest), _STIFFEST)
+    solref = -1.0, -impedance / time
     if impedance < _STIFFEST:
-        inertia = damping_dt * (1.0 - impedance) / impedance
+        # a file has six digits: few of 1 - d, but enough of an inertia that goes with a d of four
+        inertia = stopped * (1.0 - impedance) / impedance
+    else:
+        # it gives way as little as it may; MuJoCo makes this form slower where a step is longer
+        solref = 2.0 * dt / impedance, 1.0
     model.dof_armature[dof] = inertia
     model.dof_damping[dof] = _SLIP_DAMPING * math.sqrt(stiffness * inertia)
     model.dof_frictionloss[dof] = min(2.0 * share * drive.torque_limit, _NO_LIMIT)
     model.dof_solimp[dof, :2] = impedance
-    model.dof_solref[dof] = -1.0, -impedance / dt
+    model.dof_solref[dof] = solref
     # The solver's softness is in proportion to the joint's inertia at compilation.
     model.dof_invweight0[dof] = 1.0 / inertia

@@ -46,10 +46,8 @@ from validation.report.scene_robots import (
     GROUND,
     Extent,
     Series,
-    Solid,
     Track,
     bright,
-    extent_of,
     looks_of,
     shades_of,
     tinted,
@@ -167,7 +165,7 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
     for track in scene.tracks:
         plots |= _plots_of(track, unit)
     plots |= scene.plots
-    extent = extent_of(scene.tracks)
+    extent = Extent(scene.tracks)
     recording.send_blueprint(_layout(scene, plots, extent))
     recording.send_recording_name(one_line(scene.title))
     report = rr.TextDocument(each_line(scene.report), media_type=rr.MediaType.MARKDOWN)
@@ -206,8 +204,7 @@ def _robot_parts(track: Track, solid: bool) -> _Parts:
     looks = looks_of(track.robot)
     entity = f"world/{track.name}/robot"
     for body, solids in looks.solids.items():
-        for kind in dict.fromkeys(s.kind for s in solids):
-            of_kind = [s for s in solids if s.kind == kind]
+        for kind, of_kind in solids.items():
             yield f"{entity}/{body}/{kind}", None, _shapes(kind, of_kind, track, solid)
     rows = track.rows
     t = track.t[rows]
@@ -278,22 +275,20 @@ def _pose_columns(pose: FloatArray) -> Any:
     return rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
 
 
-def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> Any:
+def _shapes(kind: str, solids: Sequence[Sequence[FloatArray]], track: Track, opaque: bool) -> Any:
     fill_mode = rr.components.FillMode.TransparentFillMajorWireframe
     darkest = 0.6
     if opaque:
         fill_mode = rr.components.FillMode.Solid
         darkest = 0.25
-    colours = [s.rgba for s in solids]
+    sizes, middles, quats, colours = (np.array(part) for part in zip(*solids, strict=True))
     if track.name != "mujoco":
-        colours = [tinted(rgba, bright(track.name), darkest) for rgba in colours]
+        colours = np.array([tinted(rgba, bright(track.name), darkest) for rgba in colours])
     look: dict[str, Any] = {
-        "colors": np.round(255.0 * np.array(colours)).astype(np.uint8),
+        "colors": np.round(255.0 * colours).astype(np.uint8),
         "fill_mode": fill_mode,
-        "quaternions": [quat_wxyz_to_xyzw(s.quat_wxyz) for s in solids],
+        "quaternions": [quat_wxyz_to_xyzw(quat) for quat in quats],
     }
-    middles = np.array([s.position for s in solids])
-    sizes = np.array([s.size for s in solids])
     if kind == "cylinder":
         return rr.Cylinders3D(lengths=2.0 * sizes[:, 1], radii=sizes[:, 0], centers=middles, **look)
     return rr.Boxes3D(half_sizes=sizes, centers=middles, **look)
@@ -471,7 +466,7 @@ def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
     )
     start = first.pose[0]
     behind = shift_reference(start, (-1.5 * scale, -1.2 * scale))[:2]
-    hull = looks_of(first.robot).solids["base"][0].kind
+    hull = next(iter(looks_of(first.robot).solids["base"]))
     close = _view(
         f"Following {first.name}",
         [f"- /world/{track.name}/robot/name" for track in scene.tracks],

@@ -31,34 +31,47 @@ _HUSKY_SIZE = (0.984, 0.689)
 """Length and width of a Husky, for which distances in scenes are given [m]."""
 
 
-class Solid(NamedTuple):
-    """One solid in the frame of its body; a cylinder stands along its own z."""
+class Looks:
+    """The bodies of a robot that stands at the origin, with wheels that have not turned."""
 
-    kind: str
-    """`cylinder`, or `box`, which stands for all other shapes."""
-    size: FloatArray
-    """(3,) half lengths, or radius and half length [m]."""
-    position: FloatArray
-    """(3,) middle [m]."""
-    quat_wxyz: FloatArray
-    """(4,) orientation, w first."""
-    rgba: FloatArray
-    """(4,) colour and opacity, 0 to 1."""
-
-
-class Looks(NamedTuple):
-    """The bodies of a robot, and their places.
-
-    Those are for a robot that stands at the origin, with wheels that have not turned.
-    """
-
-    solids: dict[str, list[Solid]]
-    """Solids of `base` and of the four wheels."""
+    solids: dict[str, dict[str, list[list[FloatArray]]]]
+    """Solids of `base` and of the four wheels, in the frame of the body, by their kind: `cylinder`,
+    which stands along its own z, or `box`, which stands for all other shapes. Each has (3,) half
+    lengths, or radius and half length [m], (3,) middle [m], (4,) orientation, w first, and (4,)
+    colour and opacity, 0 to 1."""
     places: dict[str, FloatArray]
     """(3,) of each body, seen from the reference point on the ground below the middle between the
     axles [m]."""
     size: FloatArray
     """(3,) length, width and height of the robot [m]."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Take the visual solids of a robot's MuJoCo model."""
+        model = compose_robot(robot).compile()
+        base = -np.array(model.site("reference").pos)
+        self.places = {"base": base} | {wheel: base + model.body(wheel).pos for wheel in WHEELS}
+        self.solids = {name: {} for name in self.places}
+        low = np.full(3, np.inf)
+        high = np.full(3, -np.inf)
+        for g in np.flatnonzero(model.geom_group == VISUAL_GROUP):
+            body = model.body(model.geom_bodyid[g]).name
+            flat = np.empty(9)
+            mujoco.mju_quat2Mat(flat, model.geom_quat[g])
+            rotation = flat.reshape(3, 3)
+            middle, half = np.split(model.geom_aabb[g], 2)
+            middle = model.geom_pos[g] + rotation @ middle
+            kind = "box"
+            size = half
+            if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+                kind = "cylinder"
+                size = model.geom_size[g]
+            numbers = (size, middle, model.geom_quat[g], model.geom_rgba[g])
+            solid = [np.array(v, dtype=np.float64) for v in numbers]
+            self.solids[body].setdefault(kind, []).append(solid)
+            reach = np.abs(rotation) @ half
+            low = np.minimum(low, self.places[body] + middle - reach)
+            high = np.maximum(high, self.places[body] + middle + reach)
+        self.size = high - low
 
     @property
     def scale(self) -> float:
@@ -69,33 +82,8 @@ class Looks(NamedTuple):
         return float((self.size[:2] / _HUSKY_SIZE).max())
 
 
-@lru_cache(maxsize=8)
-def looks_of(robot: Robot) -> Looks:
-    """Return the visual solids of a robot's MuJoCo model."""
-    model = compose_robot(robot).compile()
-    base = -np.array(model.site("reference").pos)
-    places = {"base": base} | {wheel: base + model.body(wheel).pos for wheel in WHEELS}
-    solids: dict[str, list[Solid]] = {name: [] for name in places}
-    low = np.full(3, np.inf)
-    high = np.full(3, -np.inf)
-    for g in np.flatnonzero(model.geom_group == VISUAL_GROUP):
-        body = model.body(model.geom_bodyid[g]).name
-        flat = np.empty(9)
-        mujoco.mju_quat2Mat(flat, model.geom_quat[g])
-        rotation = flat.reshape(3, 3)
-        middle, half = np.split(model.geom_aabb[g], 2)
-        middle = model.geom_pos[g] + rotation @ middle
-        kind = "box"
-        size = half
-        if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            kind = "cylinder"
-            size = model.geom_size[g]
-        numbers = (size, middle, model.geom_quat[g], model.geom_rgba[g])
-        solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
-        reach = np.abs(rotation) @ half
-        low = np.minimum(low, places[body] + middle - reach)
-        high = np.maximum(high, places[body] + middle + reach)
-    return Looks(solids, places, high - low)
+looks_of = lru_cache(maxsize=8)(Looks)
+"""The looks of a robot, which are made once."""
 
 
 def tinted(rgba: FloatArray, rgb: Rgb, darkest: float) -> FloatArray:
@@ -218,7 +206,7 @@ def shades_of(ink: Rgb) -> list[Rgb]:
     return [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
 
 
-class Extent(NamedTuple):
+class Extent:
     """Place and size of all paths."""
 
     middle: FloatArray
@@ -229,22 +217,20 @@ class Extent(NamedTuple):
     """The longest extent [m]."""
     scale: float
     """Size of the robots over a Husky's."""
+    distance: float
+    """Distance from which an eye sees all paths [m]."""
 
-    @property
-    def distance(self) -> float:
-        """Distance from which an eye sees all paths [m]."""
-        return max(3.0 * self.scale, 0.9 * self.reach)
-
-
-def extent_of(tracks: Sequence[Track]) -> Extent:
-    """Return the extent of robots in motion."""
-    xy = np.concatenate([track.pose[:, :2] for track in tracks])
-    low = xy.min(axis=0)
-    high = xy.max(axis=0)
-    first = tracks[0]
-    way = np.mean([track.pose[-1, :2] for track in tracks], axis=0) - first.pose[0, :2]
-    # robots that turn on the spot have no direction
-    length = np.hypot(*way)
-    along = way / length if length > 1e-6 else np.array([1.0, 0.0])
-    reach = float((high - low).max())
-    return Extent(0.5 * (low + high), along, reach, looks_of(first.robot).scale)
+    def __init__(self, tracks: Sequence[Track]) -> None:
+        """Measure robots in motion."""
+        xy = np.concatenate([track.pose[:, :2] for track in tracks])
+        low = xy.min(axis=0)
+        high = xy.max(axis=0)
+        first = tracks[0]
+        way = np.mean([track.pose[-1, :2] for track in tracks], axis=0) - first.pose[0, :2]
+        # robots that turn on the spot have no direction
+        length = np.hypot(*way)
+        self.middle = 0.5 * (low + high)
+        self.along = way / length if length > 1e-6 else np.array([1.0, 0.0])
+        self.reach = float((high - low).max())
+        self.scale = looks_of(first.robot).scale
+        self.distance = max(3.0 * self.scale, 0.9 * self.reach)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -16,9 +15,8 @@ from ssmr.types import FloatArray
 from validation.simulator.description import WHEELS
 
 
-@dataclass(frozen=True)
 class Parts:
-    """Indices of a robot's parts; those of wheels in the order of `WHEELS`."""
+    """Indices of a robot's parts in a compiled model; those of wheels in the order of `WHEELS`."""
 
     base: int
     """Body of the base."""
@@ -34,6 +32,17 @@ class Parts:
     """Columns of the wheel loads among the sensors' numbers."""
     torques: list[int]
     """Columns of the actuators' torques on the wheels among the sensors' numbers."""
+
+    def __init__(self, model: mujoco.MjModel, prefix: str) -> None:
+        """Look them up, see `robot_parts`."""
+        names = [f"{prefix}{wheel}" for wheel in WHEELS]
+        self.base = model.body(f"{prefix}base").id
+        self.wheels = [model.body(name).id for name in names]
+        self.dofs = [int(model.joint(f"{name}_wheel").dofadr[0]) for name in names]
+        self.tires = [model.geom(f"{name}_tire").id for name in names]
+        self.sites = [model.site(f"{name}_load").id for name in names]
+        self.loads = [int(model.sensor(f"{prefix}load_{wheel}").adr[0]) for wheel in WHEELS]
+        self.torques = [int(model.sensor(f"{prefix}torque_{wheel}").adr[0]) for wheel in WHEELS]
 
     @property
     def sides(self) -> tuple[list[int], list[int]]:
@@ -69,16 +78,7 @@ def robot_parts(model: mujoco.MjModel, prefix: str = "") -> Parts:
     """
     key = (model.signature, model.names, prefix)
     if key not in _parts:
-        joints = [model.joint(f"{prefix}{wheel}_wheel") for wheel in WHEELS]
-        _parts[key] = Parts(
-            base=model.body(f"{prefix}base").id,
-            wheels=[model.body(f"{prefix}{wheel}").id for wheel in WHEELS],
-            dofs=[int(joint.dofadr[0]) for joint in joints],
-            tires=[model.geom(f"{prefix}{wheel}_tire").id for wheel in WHEELS],
-            sites=[model.site(f"{prefix}{wheel}_load").id for wheel in WHEELS],
-            loads=[int(model.sensor(f"{prefix}load_{wheel}").adr[0]) for wheel in WHEELS],
-            torques=[int(model.sensor(f"{prefix}torque_{wheel}").adr[0]) for wheel in WHEELS],
-        )
+        _parts[key] = Parts(model, prefix)
     return _parts[key]
 
 

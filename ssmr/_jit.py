@@ -1,9 +1,10 @@
 """numba with a cache on disk that is never stale, with threads, and with functions it lacks.
 
 numba notices edits to the file of the compiled function alone, not to what that function calls from
-other files. Here the key of a compiled function holds its file's path and a digest of that file and
-of all that it imports from this project, so an edit compiles afresh what it touches, and clones of
-one version do not meet. The compiled functions keep their Python source, see `source`.
+other files, and keeps the code of each place of a file apart. Here code is kept under a digest of
+what it is made of: the bytecode, constants and types of the function and of all that it calls. So
+an edit compiles what it touches, and copies of the sources share what they have in common. The
+compiled functions keep their Python source, see `source`.
 
 numba unpickles what lies in its cache, and who can write there can run code as this user. So the
 cache is in the user's own cache folder. Where that cannot be written, every start compiles anew.
@@ -13,24 +14,29 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import inspect
 import logging
 import math
 import os
-import re
 import shutil
 import stat
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar
 
 import numba
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core import config as numba_config
-from numba.core.caching import FunctionCache
+from numba.core.caching import IndexDataCacheFile
+from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
 from ssmr.types import FloatArray
@@ -40,18 +46,18 @@ config: Any = numba_config
 them."""
 _njit: Any = numba.njit
 _item_pointer: Any = cgutils.get_item_pointer
-_code_on_disk: Any = FunctionCache
+_result: Any = CompileResult
+_index_and_data: Any = IndexDataCacheFile
 
 _SHARES = 4
 """Shares of a thread: one that is done early takes another."""
 _CACHE_LIFETIME = 30 * 24 * 3600.0
-"""Time for which code is kept that nobody loads [s]."""
+"""Time for which compiled code is kept that nobody uses [s]."""
+_ONLY = 0
+"""Key of the one thing in an index."""
+_OF_OTHERS = ("numpy.", "numba.", "llvmlite.")
+"""Packages whose functions have the names that they go by: a version for a version."""
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
-_IMPORTED = re.compile(
-    r"""(?:^\s*from[ ]|import_module\(f")((?:ssmr|validation)\.[\w.]*\w)(?:[ ]import|\.\{)""",
-    re.MULTILINE | re.VERBOSE,
-)
-"""A module or a package that is imported from, also one whose modules are imported by name."""
 
 _PER_QUARTER = 0.6366197723675814  # 2 / pi
 _QUARTER = 0.5 * math.pi
@@ -73,7 +79,6 @@ _COSINE = (
     2.08757008419747316778e-9,
     -1.13585365213876817300e-11,
 )
-_ROOT = Path(__file__).resolve().parents[1]
 _log = logging.getLogger(__name__)
 
 
@@ -83,12 +88,12 @@ def _cache_folder() -> str:
     mine = f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/ssmr-testbed"
     why = "no folder for it can be written"
     try:
-        root = Path(config.CACHE_DIR or mine).expanduser()
-        root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _is_mine_alone(root):
-            why = f"others can write to {root}, or it is theirs"
-        elif os.access(root, os.W_OK):
-            return str(root)
+        folder = Path(config.CACHE_DIR or mine).expanduser()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _is_mine_alone(folder):
+            why = f"others can write to {folder}, or it is theirs"
+        elif os.access(folder, os.W_OK):
+            return str(folder)
     except (OSError, RuntimeError):  # RuntimeError: this user has no home
         pass
     _log.warning("compiled code is not kept, so that every start compiles anew: %s", why)
@@ -104,33 +109,6 @@ def _is_mine_alone(folder: Path) -> bool:
         return True
     status = folder.stat()
     return status.st_uid == os.geteuid() and not status.st_mode & _WRITABLE_BY_OTHERS
-
-
-@cache
-def _imports_of(path: Path) -> tuple[bytes, frozenset[Path]]:
-    """Return the content of a file of Python, and the files of this project that it imports."""
-    content = path.read_bytes()
-    found = set[Path]()
-    for name in _IMPORTED.findall(content.decode(errors="replace")):
-        place = _ROOT / name.replace(".", "/")
-        module = place.with_suffix(".py")
-        found |= {module} if module.is_file() else set(place.glob("*.py"))
-    return content, frozenset(found)
-
-
-@cache
-def _digest_of(path: Path) -> str:
-    """Return a digest of a file and of all that it imports from this project, and they in turn."""
-    found = {path}
-    waiting = [path]
-    while waiting:
-        new = _imports_of(waiting.pop())[1] - found
-        found |= new
-        waiting += new
-    digest = hashlib.sha256(numba.__version__.encode())
-    for source_path in sorted(found):
-        digest.update(_imports_of(source_path)[0])
-    return digest.hexdigest()
 
 
 _FOLDER = _cache_folder()
@@ -156,18 +134,17 @@ _saves = bool(_FOLDER)
 def stop_saving() -> None:
     """Keep nothing on disk that this process compiles from now on.
 
-    It may call code from files that the digest of the cache folder does not cover.
+    It may call a user's code, of which the digest need not know all.
     """
     global _saves
     _saves = False
 
 
 class _Kept:
-    """Compiled code of one function on disk, in a folder for each signature and processor.
+    """Compiled code of one function on disk, in a folder for each digest of what it is made of.
 
-    numba keeps all signatures of a function in one index, which two processes that write at once
-    can spoil: then a signature has the code of another one. Here each is alone in its index. What
-    is not found stays where it is: it may be another version's.
+    numba's own cache has one index for all signatures of a function, which two processes that write
+    at once can spoil. Here each has its own, and whoever writes there writes the same.
     """
 
     cache_path = _FOLDER
@@ -175,44 +152,44 @@ class _Kept:
     def __init__(self, function: Callable[..., Any]) -> None:
         """Keep the code of a Python function."""
         self._function = function
-        self._path = Path(function.__code__.co_filename)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the code for a signature; None where there is none, or none that can be used."""
-        folder = self._folder(sig, target_context.codegen())
-        code = None
-        if folder.is_dir():
-            try:
-                code = self._in(folder).load_overload(sig, target_context)
-            except Exception:  # noqa: BLE001 - unpickling a damaged file can raise anything
-                shutil.rmtree(folder, ignore_errors=True)
-            else:
+        target_context.refresh()
+        place = self._place(sig, target_context.codegen())
+        try:
+            kept = _file_in(place).load(_ONLY)
+            if kept is not None:
                 with contextlib.suppress(OSError):
-                    os.utime(folder)  # for `_remove_unused`
-        if code is None and _saves:
+                    os.utime(place)  # it is in use, see `_remove_unused`
+                return _result._rebuild(target_context, *kept)
+        except Exception:  # noqa: BLE001 - unpickling a damaged file can raise anything
+            pass
+        if _saves:
             _say_that_it_happens_once()
-        return code
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the code for a signature; where the disk is full it is compiled again next time."""
-        if _saves:
-            _remove_unused()
+        if _saves and not data.library.has_dynamic_globals:
             with contextlib.suppress(OSError):
-                self._in(self._folder(sig, data.codegen)).save_overload(sig, data)
+                _remove_unused()
+                place = self._place(sig, data.codegen)
+                place.mkdir(exist_ok=True)
+                file = _file_in(place)
+                file.flush()  # an index that is damaged
+                file.save(_ONLY, data._reduce())
 
-    def _folder(self, signature: Any, codegen: Any) -> Path:
-        digest = _digest_of(self._path)
-        name = self._function.__qualname__
-        key = f"{self._path} {digest} {name} {signature} {codegen.magic_tuple()}"
-        return Path(_FOLDER, f"numba-{hashlib.sha256(key.encode()).hexdigest()[:16]}")
+    def _place(self, signature: Any, codegen: Any) -> Path:
+        processor = codegen.magic_tuple()
+        python = sys.implementation.cache_tag
+        digest = _digest((numba.__version__, python, processor, self._function, *signature))
+        return Path(_FOLDER, f"numba-{digest[:24]}")
 
-    def _in(self, folder: Path) -> Any:
-        before = config.CACHE_DIR
-        try:
-            config.CACHE_DIR = str(folder)
-            return _code_on_disk(self._function)
-        finally:
-            config.CACHE_DIR = before
+
+def _file_in(place: Path) -> Any:
+    """Return numba's index and data file for one thing, which it writes whole or not at all."""
+    return _index_and_data(str(place), "code", None)
 
 
 @cache
@@ -222,12 +199,74 @@ def _say_that_it_happens_once() -> None:
 
 @cache
 def _remove_unused() -> None:
-    """Remove the code that nobody has loaded for long."""
-    oldest = time.time() - _CACHE_LIFETIME
-    for folder in Path(_FOLDER).glob("numba-*"):
-        with contextlib.suppress(OSError):
-            if folder.stat().st_mtime < oldest:
-                shutil.rmtree(folder, ignore_errors=True)
+    """Remove what no process has used for long, also of other versions of this package."""
+    for old in Path(_FOLDER).glob("numba-*"):
+        if time.time() - old.lstat().st_mtime > _CACHE_LIFETIME:
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def _digest(thing: Any) -> str:
+    """Return a digest of what is compiled and of all that it refers to.
+
+    Names of places, lines and docstrings are not in it, nor what else its modules hold.
+    """
+    digest = hashlib.sha256()
+    seen: dict[int, tuple[int, Any]] = {}
+    waiting = [thing]
+    while waiting:
+        now = waiting.pop()
+        if id(now) in seen:
+            digest.update(b"%d;" % seen[id(now)][0])
+            continue
+        text, parts = _made_of(now)
+        if parts:
+            seen[id(now)] = len(seen), now  # which lives, so that no other thing gets its id
+        digest.update(f"{text!r} {len(parts)};".encode())
+        waiting += parts
+    return digest.hexdigest()
+
+
+def _made_of(thing: Any) -> tuple[str, Sequence[Any]]:
+    """Return what compiled code takes from a thing itself, and the things that this refers to."""
+    if isinstance(thing, tuple):
+        return "", (type(thing), *thing)
+    if isinstance(thing, types.Type):
+        return str(thing), (getattr(thing, "instance_class", None), *getattr(thing, "types", ()))
+    if isinstance(thing, np.ndarray):
+        return f"{thing.dtype.str} {thing.shape}", (thing.tobytes(),)
+    if isinstance(thing, ModuleType):
+        return thing.__name__, ()
+    if not hasattr(thing, "__qualname__"):
+        return repr(thing), ()
+    name = f"{thing.__module__}.{thing.__qualname__}"
+    if isinstance(thing, type):
+        held = [each for each in vars(thing).values() if isinstance(each, Dispatcher)]
+        return name, (getattr(thing, "_fields", ()), *held)
+    function = inspect.unwrap(thing)
+    if not isinstance(function, FunctionType) or name.startswith(_OF_OTHERS):
+        return name, ()
+    return name, (getattr(thing, "targetoptions", None), *_parts_of(function))
+
+
+def _parts_of(function: FunctionType) -> list[Any]:
+    """Return the code of a function and of those inside it, and all that they can refer to.
+
+    What numba's `overload` compiles in place of a function must be an attribute of that function.
+    """
+    parts = [function.__defaults__, *vars(function).values()]
+    parts += [cell.cell_contents for cell in function.__closure__ or ()]
+    codes = [function.__code__]
+    for code in codes:
+        inner = [each for each in code.co_consts if isinstance(each, CodeType)]
+        codes += inner
+        parts += [each for each in code.co_consts if each not in (*inner, function.__doc__)]
+        parts += [code.co_code, code.co_names, code.co_varnames]
+        named = [function.__globals__.get(name) for name in code.co_names]
+        parts += named
+        for module in named:
+            if isinstance(module, ModuleType):
+                parts += [vars(module).get(name) for name in code.co_names]
+    return parts
 
 
 def jit_alone(function: F) -> F:

@@ -1,12 +1,15 @@
-"""Compiled code on disk is never another function's or user's, and a damaged file costs time."""
+"""Compiled code on disk is never another function's, nor older than its sources.
+
+Whoever has the same sources shares it.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -14,153 +17,245 @@ import pytest
 from ssmr import _jit
 
 ROOT = Path(__file__).resolve().parents[1]
-LAWS = '''"""Two laws of one layout, and a longer one."""
+
+VALUES = '''"""What kernels in another file refer to."""
 
 from typing import NamedTuple
 
-from ssmr._jit import jit_alone
+import numpy as np
+
+from ssmr._jit import built_in, jit, jit_alone
+from llvmlite import ir
+from numba import types
+from numba.extending import overload
+
+BY_NAME = 10.0
+BY_MODULE = 20.0
+IN_AN_ARRAY = np.array([30.0])
 
 
-class Halved(NamedTuple):
-    rate: float
-    limit: float
+class One(NamedTuple):
+    x: float
 
 
-class Doubled(NamedTuple):
-    rate: float
-    limit: float
+class Two(NamedTuple):
+    x: float
 
 
-class Shifted(NamedTuple):
-    rate: float
-    limit: float
-    shift: float
+One._advance = jit(lambda x: x + 50.0)
+Two._advance = jit(lambda x: x + 60.0)
+
+
+@jit
+def inlined(x):
+    return x + 70.0
 
 
 @jit_alone
-def speed(law):
-    return 1.0 + law[0] / law[1]
+def called(x):
+    return x + 80.0
 
 
-@jit_alone
-def shifted(law):
-    return law.rate * law.limit + law.shift
+@built_in
+def written(typing):
+    """Return a number that is an instruction."""
+
+    def build(context, builder, signature, arguments):
+        return ir.Constant(ir.DoubleType(), 90.0)
+
+    return types.float64(), build
+
+
+def stub(kind):
+    """Stand for what is chosen."""
+
+
+@overload(stub, strict=False)
+def chosen(kind):
+    law = kind.instance_class._advance
+
+    def call(kind):
+        return law(kind.x + 100.0)
+
+    return call
+
+
+stub.choice = chosen
+
+
+def left_alone():
+    """Return what no kernel uses."""
+    return 110.0
 '''
-RUN = "import laws; print(laws.speed(laws.Halved(1.0, 2.0)), laws.speed(laws.Doubled(2.0, 1.0)), "
-RUN += "laws.speed(laws.Shifted(3.0, 1.0, 5.0)), laws.shifted(laws.Shifted(3.0, 1.0, 5.0)))"
-RIGHT = "1.5 3.0 4.0 8.0"
+KERNELS = '''"""A kernel for each way in which code refers to what stands elsewhere."""
+
+import values
+from ssmr._jit import jit_alone
+from values import BY_NAME, IN_AN_ARRAY, One, Two, called, inlined, stub, written
+
+
+def made(number):
+    @jit_alone
+    def by_cell():
+        return number
+
+    return by_cell
+
+
+@jit_alone
+def by_argument(x=120.0):
+    return x
+
+
+@jit_alone
+def inside():
+    return [x + 130.0 for x in (0.0,)][0]
+
+
+@jit_alone
+def by_law(kind):
+    return stub(kind)
+
+
+by_name = jit_alone(lambda: BY_NAME)
+by_module = jit_alone(lambda: values.BY_MODULE)
+in_an_array = jit_alone(lambda: IN_AN_ARRAY[0])
+by_inlined = jit_alone(lambda: inlined(0.0))
+by_called = jit_alone(lambda: called(0.0))
+by_written = jit_alone(lambda: written())
+by_cell = made(140.0)
+'''
+RUN = """
+from numba.core import event
+with event.install_recorder("numba:compile") as recorder:
+    from kernels import *
+    print(by_name(), by_module(), in_an_array(), by_law(One(0.0)), by_law(Two(0.0)),
+        by_inlined(), by_called(), by_written(), by_argument(), inside(), by_cell())
+kept = [each.data["dispatcher"] for _, each in recorder.buffer if each.is_start]
+print(sum(hasattr(each._cache, "_function") for each in kept))
+"""
+NUMBERS = [10.0, 20.0, 30.0, 150.0, 160.0, 70.0, 80.0, 90.0, 120.0, 130.0, 140.0]
+EVERY = len(NUMBERS) + 1
+"""Kernels that a first start compiles, with the one that others call."""
+
+
+def start(folder: Path, run: str = RUN, *before: Path) -> subprocess.Popen[str]:
+    places = os.pathsep.join(map(str, (*before, folder, ROOT)))
+    environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "PYTHONPATH": places}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    return subprocess.Popen(
+        [sys.executable, "-c", run],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def said(process: subprocess.Popen[str]) -> tuple[list[float], int]:
+    """Return the numbers, and how many kernels were compiled."""
+    words = process.communicate(timeout=240)[0].split()
+    try:
+        return [float(word) for word in words[:-1]], int(words[-1])
+    except ValueError:
+        pytest.fail(" ".join(words))
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "laws.py").write_text(LAWS, encoding="utf-8")
+    (tmp_path / "values.py").write_text(VALUES, encoding="utf-8")
+    (tmp_path / "kernels.py").write_text(KERNELS, encoding="utf-8")
     return tmp_path
 
 
-def start(folder: Path) -> subprocess.Popen[str]:
-    root = Path(__file__).resolve().parents[1]
-    places = f"{root}{os.pathsep}{folder}"
-    environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "PYTHONPATH": places}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    command = [sys.executable, "-c", RUN]
-    return subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+def edited(folder: Path, *edits: tuple[str, str]) -> None:
+    for name in ("values.py", "kernels.py"):
+        text = (folder / name).read_text(encoding="utf-8")
+        for old, new in edits:
+            text = re.sub(rf"\b{old}\b", new, text)
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def test_an_edit_compiles_what_uses_it_and_nothing_else(folder: Path) -> None:
+    assert said(start(folder)) == (NUMBERS, EVERY)
+    edited(
+        folder,
+        ("What kernels in another file refer to", "Much\n\nmore"),
+        ("Return a number", "Return"),
+        ("110.0", "111.0"),
     )
+    assert said(start(folder)) == (NUMBERS, 0)
+    edited(folder, *((f"{n}.0", f"{n + 1}.0") for n in (10, 30, 50, 70, 90, 120, 140)))
+    odd = [11.0, 20.0, 31.0, 151.0, 160.0, 71.0, 80.0, 91.0, 121.0, 130.0, 141.0]
+    assert said(start(folder)) == (odd, 7)
+    edited(folder, *((f"{n}.0", f"{n + 1}.0") for n in (20, 60, 80, 130)))
+    every = [11.0, 21.0, 31.0, 151.0, 161.0, 71.0, 81.0, 91.0, 121.0, 131.0, 141.0]
+    assert said(start(folder)) == (every, 5)
+    edited(folder, ("100.0", "101.0"))
+    assert said(start(folder)) == ([*every[:3], 152.0, 162.0, *every[5:]], 2)
 
 
-def said(process: subprocess.Popen[str]) -> str:
-    return process.communicate(timeout=120)[0].strip()
+def test_two_first_starts_at_once_and_damaged_files_give_the_right_numbers(folder: Path) -> None:
+    both = [start(folder), start(folder)]
+    assert [said(each)[0] for each in both] == [NUMBERS] * 2
+    assert said(start(folder)) == (NUMBERS, 0)
+    for ending, cut in ((".nbc", True), (".nbi", False)):
+        for path in sorted((folder / "cache").rglob(f"*{ending}")):
+            path.write_bytes(path.read_bytes()[:-100] if cut else b"")
+        assert said(start(folder)) == (NUMBERS, EVERY)
+        assert said(start(folder)) == (NUMBERS, 0), "they are written anew"
 
 
-def kept(folder: Path, ending: str) -> list[Path]:
-    return sorted((folder / "cache").rglob(f"*{ending}"))
+def test_copies_of_the_package_share_what_they_compile(tmp_path: Path) -> None:
+    """So does one whose metrics were edited; where a kernel was, only that is compiled."""
+    run = """
+import numpy as np
+from numba.core import event
+with event.install_recorder("numba:compile") as recorder:
+    from ssmr.metrics.paths import bending_energy, path_length
+    import ssmr.metrics.declared
+    path = np.linspace(0.0, 1.0, 11)[:, None] ** [1.0, 2.0]
+    print(path_length(path), bending_energy(path))
+kept = [each.data["dispatcher"] for _, each in recorder.buffer if each.is_start]
+print(sum(hasattr(each._cache, "_function") for each in kept))
+"""
+    copies = [tmp_path / name for name in ("one", "another")]
+    for copy in copies:
+        shutil.copytree(ROOT / "ssmr", copy / "ssmr")
+    numbers, compiled = said(start(tmp_path, run, copies[0]))
+    assert compiled > 0
+    for copy in (copies[1], *copies):
+        assert said(start(tmp_path, run, copy)) == (numbers, 0)
+    metrics = copies[0] / "ssmr" / "metrics" / "declared.py"
+    metrics.write_text(metrics.read_text(encoding="utf-8") + "\nNEW = 1.0\n", encoding="utf-8")
+    paths = copies[1] / "ssmr" / "metrics" / "paths.py"
+    text = paths.read_text(encoding="utf-8")
+    paths.write_text(text.replace("SPACING = 0.1", "SPACING = 0.2"), encoding="utf-8")
+    assert said(start(tmp_path, run, copies[0])) == (numbers, 0)
+    others, compiled = said(start(tmp_path, run, copies[1]))
+    assert (others[0], compiled) == (numbers[0], 1)
+    assert others[1] != numbers[1]
+    assert said(start(tmp_path, run, copies[0])) == (numbers, 0)
 
 
-def test_two_first_starts_at_once_and_a_damaged_cache_give_the_right_numbers(folder: Path) -> None:
-    """A full disk can leave half a file."""
-    first = start(folder)
-    second = start(folder)
-    assert said(first) == said(second) == RIGHT
-    assert len(kept(folder, ".nbc")) == 4
-    for ending, damage in ((".nbc", b""), (".nbi", b""), (".nbc", None), (".nbi", None)):
-        for path in kept(folder, ending):
-            whole = path.read_bytes()
-            path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
-        assert said(start(folder)) == RIGHT, (
-            f"{ending} files are {'cut' if damage is None else 'empty'}"
-        )
-    assert [path.read_bytes() != b"" for path in kept(folder, ".nbc")] == [True] * 4, (
-        "they are written anew"
-    )
-
-
-def make_clone(root: Path) -> Path:
-    """Return a folder with two kernels of its own, `ssmr.high` over `ssmr.low`, and a third."""
-    package = root / "ssmr"
-    for folder in (package, package / "metrics", package / "models"):
-        folder.mkdir(parents=True)
-        (folder / "__init__.py").touch()
-    for name in ("_jit", "types", "errors"):
-        shutil.copy(ROOT / "ssmr" / f"{name}.py", package)
-    low = "from ssmr._jit import jit\n\n@jit\ndef low(x):\n    return 2.0 * x\n"
-    high = "from ssmr._jit import jit_alone\nfrom ssmr.low import low\n\n"
-    high += "@jit_alone\ndef high(x):\n    return low(x) + 1.0\n"
-    other = "from ssmr._jit import jit_alone\n\n@jit_alone\ndef other(x):\n    return x - 1.0\n"
-    # imported by its name, as the table of models does
-    chosen = "from importlib import import_module\nfrom ssmr._jit import jit_alone\n\n"
-    chosen += 'NAME = "law"\nlaw = import_module(f"ssmr.models.{NAME}").law\n\n'
-    chosen += "@jit_alone\ndef chosen(x):\n    return law(x)\n"
-    law = "from ssmr._jit import jit\n\n@jit\ndef law(x):\n    return 5.0 * x\n"
-    kernels = {"low": low, "high": high, "other": other, "chosen": chosen, "models/law": law}
-    for name, text in kernels.items():
-        (package / f"{name}.py").write_text(text, encoding="utf-8")
-    return root
-
-
-USED = (
-    "from ssmr.high import high; from ssmr.other import other; from ssmr.chosen import chosen; "
-    "print(high(2.0), other(2.0), chosen(2.0))"
-)
-
-
-def use_clone(clone: Path, cache: Path) -> tuple[str, int]:
-    """Return what the kernels of a clone give, and how many of them were compiled for that."""
-    before = {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
-    environment = {**os.environ, "XDG_CACHE_HOME": str(cache), "PYTHONPATH": str(clone)}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", USED],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-        cwd=clone,
-    )
-    after = {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
-    assert before.keys() <= after.keys(), "nothing is removed because it was not found"
-    return done.stdout.strip(), sum(before.get(path) != changed for path, changed in after.items())
-
-
-def test_clones_keep_their_code_and_an_edit_compiles_what_it_touches(tmp_path: Path) -> None:
-    cache = tmp_path / "cache"
-    here = make_clone(tmp_path / "here")
-    there = make_clone(tmp_path / "there")
-    assert use_clone(here, cache) == ("5.0 1.0 10.0", 3)
-    assert use_clone(there, cache) == ("5.0 1.0 10.0", 3)
-    for clone in (here, there, here):
-        assert use_clone(clone, cache) == ("5.0 1.0 10.0", 0), "each finds its own"
-    for name, old, new, says in (
-        ("low", "2.0 * x", "3.0 * x", "7.0 1.0 10.0"),
-        ("other", "x - 1.0", "x - 2.0", "7.0 0.0 10.0"),
-        ("models/law", "5.0", "6.0", "7.0 0.0 12.0"),
-    ):
-        path = here / "ssmr" / f"{name}.py"
-        path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-        assert use_clone(here, cache) == (says, 1), f"an edit of {name} touches one kernel"
-    (here / "ssmr" / "metrics" / "unrelated.py").write_text("x = 1\n", encoding="utf-8")
-    assert use_clone(here, cache) == ("7.0 0.0 12.0", 0)
-    assert use_clone(there, cache) == ("5.0 1.0 10.0", 0), "the other is as it was"
+def test_what_nobody_uses_goes_and_what_somebody_uses_stays(folder: Path) -> None:
+    said(start(folder))
+    places = folder / "cache" / "ssmr-testbed"
+    kept = {*places.iterdir()}
+    unused = places / "numba-unused"
+    unused.mkdir()
+    for place in (unused, *kept):
+        os.utime(place, (0.0, 0.0))
+    said(start(folder))
+    used = {place for place in kept if place.stat().st_mtime > 0.0}
+    # none is alone in using the one that others call
+    assert len(used) == len(kept) - 1 == EVERY - 1
+    assert unused.is_dir()
+    edited(folder, ("10.0", "11.0"))
+    said(start(folder))
+    assert len({*places.iterdir()} - used) == 1
+    assert used < {*places.iterdir()}
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="this system does not say who owns a folder")
@@ -180,14 +275,3 @@ def test_a_folder_where_others_can_write_is_no_cache(
     if os.geteuid() == 0:
         os.chown(mine, 65534, -1)
         assert _jit._cache_folder() == "", "it belongs to somebody else"
-
-
-def test_what_nobody_loads_for_long_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_jit, "_FOLDER", str(tmp_path))
-    ages = {"numba-old": 2.0, "numba-new": 0.5}
-    for name, age in ages.items():
-        (tmp_path / name).mkdir()
-        changed = time.time() - age * _jit._CACHE_LIFETIME
-        os.utime(tmp_path / name, (changed, changed))
-    _jit._remove_unused.__wrapped__()
-    assert [path.name for path in tmp_path.iterdir()] == ["numba-new"]

@@ -84,13 +84,12 @@ class PlanarLaw:
     def __post_init__(self) -> None:
         """Register the law for robots and compiled functions, which find it by types."""
         _LAWS[self.parameters] = self
-        _ADVANCE[numbers_of(self.parameters)] = self.advance
+        numbers_of(self.parameters)._advance = self.advance
 
 
 OWN_MODELS: dict[str, PlanarLaw] = {}
 """Planar models of the user's own by name, which this process knows beside `PLANAR_MODELS`."""
 _LAWS: dict[type, PlanarLaw] = {}
-_ADVANCE: dict[type, Advance] = {}
 
 
 def planar_law(name: str) -> PlanarLaw:
@@ -133,9 +132,12 @@ def _choose(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot:
     Every model gets a loop of its own, without a branch at run time.
     """
     numbers = robot.types[robot.fields.index("parameters")]
-    law = _ADVANCE[numbers.instance_class]
+    law = numbers.instance_class._advance
 
     def call(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot: Any) -> Any:
         return law(v, w, wheels, integral, disturbance, robot)
 
     return call
+
+
+advance.choice = _choose  # type: ignore[attr-defined]  # part of the cache's digest

@@ -123,6 +123,8 @@ def file_name(text: object) -> str:
 
 # --- files ---
 
+Document = dict[str, Any]
+"""Values by name, as a JSON or TOML file and the rows of its tables have them."""
 PACKAGES = ("ssmr-testbed", "mujoco", "numpy", "scipy", "numba", "control", "rerun-sdk")
 """Packages whose versions a result records."""
 

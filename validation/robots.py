@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -28,7 +28,7 @@ from validation.descriptions.foreign_robot import is_description
 from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.descriptions.loading import load_robot
 from validation.engines.trial import examine_in_engine
-from validation.output import abridged, file_name, one_line, visible
+from validation.output import Document, abridged, file_name, one_line, visible
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
 from validation.report.table import Table, print_tables
@@ -173,7 +173,7 @@ class RobotCheck(Report):
         """Return whether the weight is off the middle, which no multiplier mends."""
         return any(finding.kind == "weight_off" for finding in self.findings)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the contents of robot.json."""
         return {
             **_document(self.robot, self.spot, self.loads),
@@ -284,7 +284,7 @@ def _sizes_of(robot: Robot) -> dict[str, float]:
     }
 
 
-def _document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> dict[str, Any]:
+def _document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> Document:
     """Contents of robot.json; None stands for a number that no model could show."""
     mu = robot.friction
     drive = robot.drive
@@ -311,7 +311,7 @@ def _document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> di
     }
 
 
-def _every_number(robot: Robot) -> dict[str, Any]:
+def _every_number(robot: Robot) -> Document:
     """Numbers of a robot by `section.key`, without names and those of planar models only."""
     shown = {*robot.given, *_ALWAYS}
     values = {}

@@ -8,15 +8,14 @@ if __name__ == "__main__":
     end_quietly()
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import tyro
 
 from validation import cli
-from validation.output import write_text
+from validation.output import Document, write_text
 from validation.report.columns import NOTHING
 from validation.report.report import Report
 from validation.report.table import Row, Table
@@ -74,7 +73,7 @@ class SideBySide(Report):
             caption = ""
         return [Table(self.title, self.rows, caption)]
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the schema."""
         return {"schema": "ssmr.table/1"}
 
@@ -99,14 +98,14 @@ def table(o: Side) -> SideBySide:
     if len({path.parent for path in whole}) == len(whole):
         whole = [path.parent for path in whole]
     common = os.path.commonpath([path.parent for path in whole])
-    rows = list[dict[str, Any]]()
+    rows = list[Document]()
     for path, place in zip(o.files, whole, strict=True):
         run = place.relative_to(common).as_posix()
         rows += [{"run": run, **_flat(values)} for values in _parts(cli.read_result(path))]
     there = list(dict.fromkeys(key for row in rows for key in row))
     columns = o.columns or tuple(name for name in _SHOWN if name in there)
     heads = [name for name in ("run", "plant") if name in there and name not in columns]
-    chosen = [dict[str, Any]() for _ in rows]
+    chosen = [Document() for _ in rows]
     for name in (*heads, *columns):
         named = {name} if name in there else {key for key in there if key.endswith(f".{name}")}
         if not named:
@@ -119,7 +118,7 @@ def table(o: Side) -> SideBySide:
     return SideBySide(title="Results side by side", rows=chosen)
 
 
-def _parts(document: dict[str, Any]) -> list[dict[str, Any]]:
+def _parts(document: Document) -> list[Document]:
     """Return what a result has of each of its plants; the whole of one without plants."""
     for key in _NO_RESULT:
         document.pop(key, None)
@@ -130,11 +129,11 @@ def _parts(document: dict[str, Any]) -> list[dict[str, Any]]:
     return [{**document, "plant": name, **values} for name, values in plants.items()]
 
 
-def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
+def _flat(values: Document) -> Document:
     """Return words and numbers by dotted key."""
-    flat = dict[str, Any]()
+    flat = Document()
     for name, value in values.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, dict):
             flat |= {f"{name}.{key}": part for key, part in _flat(value).items()}
         elif isinstance(value, str | int | float):
             flat[name] = value

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tyro
@@ -58,7 +58,7 @@ from validation.identify.tuning import (
     TuneProblem,
     make_tuning_space,
 )
-from validation.output import Progress, one_line
+from validation.output import Document, Progress, one_line
 from validation.plants.profile import Profile, choose_profile, odometry_of
 from validation.plants.table import SIMULATED
 from validation.report import drawing
@@ -237,11 +237,11 @@ class Tuned(SearchReport):
         plant = self.problem.cases[0].robot.name
         return search_figure(self, drawing.ink_of(plant), "baseline")
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the document of tune.json without tables; null stands for an infinite number."""
 
-        def runs(cases: Mapping[str, Mapping[str, Followed]]) -> dict[str, Any]:
-            out: dict[str, Any] = {}
+        def runs(cases: Mapping[str, Mapping[str, Followed]]) -> Document:
+            out: Document = {}
             for label, rated in cases.items():
                 out[label] = {name: {**r.metrics, "lost": r.run.lost} for name, r in rated.items()}
             return out
@@ -274,7 +274,7 @@ class Tuned(SearchReport):
         for lead, cases in drives:
             for label, runs in cases.items():
                 for name, rated in runs.items():
-                    row: dict[str, Any] = {"reference": f"{lead}{label}", "gains": name}
+                    row: Document = {"reference": f"{lead}{label}", "gains": name}
                     for key in ("cost", *_SHOWN):
                         row[key] = None if rated.run.lost else rated.metrics[key]
                     rows.append(row)

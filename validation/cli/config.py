@@ -11,6 +11,7 @@ from typing import Any
 from validation.cli.options import Options, text_of
 from validation.files.limits import USUAL, LogLimits
 from validation.files.reading import FileError, quoted, read_text
+from validation.output import Document
 from validation.simulator.terrain import Terrain
 
 _MOST_JSON = 1 << 26
@@ -21,7 +22,7 @@ _ONLY_IN_PYTHON = "an object of Python"
 """Value in the file of an option that no text can say."""
 
 
-def read_result(path: str | Path) -> dict[str, Any]:
+def read_result(path: str | Path) -> Document:
     """Return the JSON document of a program of ours.
 
     Raises:
@@ -36,7 +37,7 @@ def read_result(path: str | Path) -> dict[str, Any]:
     return document
 
 
-def config_of(program: str, options: Any) -> dict[str, Any]:
+def config_of(program: str, options: Any) -> Document:
     """Return the options of a run as its JSON file has them, without those that are not given."""
     kept = {"program": program}
     for option in fields(options):
@@ -59,7 +60,7 @@ def _kept(value: Any) -> Any:
     return _ONLY_IN_PYTHON
 
 
-def options_in(path: str | Path, program: str, options: Any) -> dict[str, Any]:
+def options_in(path: str | Path, program: str, options: Any) -> Document:
     """Return the options of a run by name.
 
     Args:

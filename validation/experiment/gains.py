@@ -14,7 +14,7 @@ from functools import partial
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tomli_w
 from msgspec import Meta
@@ -23,6 +23,7 @@ from ssmr.control.laws import LAWS
 from ssmr.parameters import described
 from validation import output
 from validation.files import reading
+from validation.output import Document
 
 SCHEMA = "ssmr.gains/1"
 FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -51,7 +52,7 @@ class GainSet:
     """Name in results."""
     values: Mapping[str, float]
     """Every gain of the controller by name; the units are those of its class."""
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Document = field(default_factory=dict)
     """Circumstances of the tuning, as the file has them."""
     source: str = ""
     """Origin of the numbers, in one sentence."""
@@ -138,7 +139,7 @@ def load_gains(
 
 def dump_gains(gains: GainSet) -> str:
     """Return the set as TOML; `load_gains` reads equal bits back."""
-    document: dict[str, Any] = {
+    document: Document = {
         "schema": SCHEMA,
         "controller": gains.controller,
         "name": gains.name,
@@ -156,7 +157,7 @@ def _gains_of(controller: str) -> tuple[str, ...]:
     return FIELDS[controller]
 
 
-def _parse(document: Mapping[str, Any], controller: str) -> GainSet:
+def _parse(document: Document, controller: str) -> GainSet:
     top = dict.fromkeys(_KINDS)
     found = reading.typed({**top, "provenance": {}, **document}, _KINDS)
     if found["controller"] != controller:

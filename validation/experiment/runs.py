@@ -7,7 +7,6 @@ import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.robot.sensors import yaw_disturbance
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation.experiment.sources import Piece, Source
-from validation.output import Progress, Progressing, silent
+from validation.output import Document, Progress, Progressing, silent
 from validation.simulator.description import WHEELS
 from validation.simulator.health import Health, run_health
 from validation.simulator.plant import MujocoPlant
@@ -40,7 +39,7 @@ class Run:
     """Time that simulating took [s]."""
     health: Health | None = None
     """The verdict on the wheel loads; only a MuJoCo robot has one, and only on level ground."""
-    loads: Mapping[str, Any] | None = None
+    loads: Document | None = None
     """The loads that its wheels carried, see `summarise`; only a MuJoCo robot knows them."""
 
     @property
@@ -49,9 +48,9 @@ class Run:
         simulated = sum(float(motion.t[-1] - motion.t[0]) for motion in self.motions)
         return simulated / max(self.wall_s, 1e-9)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Document:
         """Return how long it took, and what its wheels carried, as compare.json has them."""
-        document: dict[str, Any] = {
+        document: Document = {
             "wall_s": self.wall_s,
             "real_time_factor": self.real_time_factor,
         }

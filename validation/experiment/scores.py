@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from ssmr.metrics.windows import (
 )
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.experiment.sources import Piece, Source, WindowCut
+from validation.output import Document
 from validation.plants.profile import Pace
 
 HEADLINE_HORIZON = 6.0
@@ -68,9 +68,9 @@ class Scores:
         """The horizon closest to `HEADLINE_HORIZON` [s]; None if there are no horizons."""
         return headline_horizon(self.windows)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Document:
         """Return the scores as JSON files have them."""
-        document: dict[str, Any] = dict(self.metrics)
+        document: Document = dict(self.metrics)
         horizons = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
         for horizon, medians in self.overlapping.items():
             overlapping = asdict(medians)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from ssmr.metrics.declared import (
     cross_track_max,
 )
 from ssmr.types import Trajectory
+from validation.output import Document
 
 _AT_LIMIT = 0.999
 """Share of a limit from which a torque or a command counts as saturated."""
@@ -170,7 +170,7 @@ class Followed:
         target = Trajectory(w.t[kept], w.pose[kept], w.twist[kept], w.wheels[kept])
         return replace(self, run=run, target=target)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Document:
         """Return the metrics, whether the robot was lost, and how long simulating took."""
         return {
             **self.metrics,

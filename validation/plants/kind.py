@@ -15,6 +15,7 @@ from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from validation.output import Document
 from validation.simulator.description import Robot
 
 Occasion = Literal["scenario", "commands", "wheels"]
@@ -61,7 +62,7 @@ class PlantProfile:
     spread: Mapping[str, float] = field(default_factory=dict, hash=False)
     """Standard deviation of numbers from one day to another, by name, in each number's unit."""
 
-    def numbers(self) -> dict[str, dict[str, Any]]:
+    def numbers(self) -> dict[str, Document]:
         """Return the numbers of each part by name, without the robot, which has its own file."""
         numbers = {}
         for part in PARTS:

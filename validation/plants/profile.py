@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 import tomli_w
@@ -31,7 +31,7 @@ from ssmr.types import FloatArray, Plant
 from validation import output
 from validation.descriptions.loading import load_robot
 from validation.files import reading
-from validation.output import one_line
+from validation.output import Document, one_line
 from validation.plants.kind import PARTS, PlantProfile
 from validation.plants.searchable import searchable
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, is_foreign, plant_kind
@@ -43,7 +43,7 @@ SCHEMA = "ssmr.profile/1"
 """Schema of profiles' files."""
 _KINDS = {
     "schema": Annotated[Literal["ssmr.profile/1"], Meta(description=f"'{SCHEMA}'")],
-    "robot": Annotated[str | dict[str, Any], Meta(description="a name or a table")],
+    "robot": Annotated[str | Document, Meta(description="a name or a table")],
     **dict.fromkeys(("name", "description"), reading.TomlText),
     **dict.fromkeys(("vehicle", "drive", "plants", "provenance", "fitted_at"), reading.TomlTable),
 }
@@ -87,7 +87,7 @@ class Profile:
     """One sentence that says which robot and which ground are meant."""
     plants: Mapping[str, PlantProfile] = field(repr=False)
     """Numbers of each plant, by name."""
-    provenance: Mapping[str, Any] = field(repr=False)
+    provenance: Document = field(repr=False)
     """For each plant, the source of its numbers: the data, seed and cost of a fit, as the file has
     them."""
     fitted_at: Pace | None = None
@@ -153,7 +153,7 @@ class Profile:
             return _defaults(plant, self.robot)
         return self.plants[STANDARD if plant in SECOND_OPINIONS else plant]
 
-    def with_(self, **changes: Mapping[str, Any]) -> Profile:
+    def with_(self, **changes: Document) -> Profile:
         """Return the profile with other numbers of plants, such as `mujoco={"friction": 0.4}`.
 
         A number has the name that a profile's file has for it, in whatever section of the plant.
@@ -176,7 +176,7 @@ class Profile:
             plants[plant] = section
         return replace(self, name=f"{self.name}-changed", plants=plants)
 
-    def as_dict(self, plants: Iterable[str] | None = None) -> dict[str, Any]:
+    def as_dict(self, plants: Iterable[str] | None = None) -> Document:
         """Return all numbers, or those of some plants, for a result to record."""
         names = self.plants if plants is None else plants
         return {name: output.plain(self.section(name).numbers()) for name in names}
@@ -186,9 +186,9 @@ class Profile:
 
         `load_profile` reads it back. The file's folder is made if it is not there.
         """
-        plants: dict[str, Any] = {}
+        plants: Document = {}
         for name, plant in self.plants.items():
-            section: dict[str, Any] = {}
+            section: Document = {}
             bare = _defaults(name, plant.robot).numbers()
             for part, numbers in plant.numbers().items():
                 section[part] = {k: v for k, v in numbers.items() if v != bare[part][k]}
@@ -288,7 +288,7 @@ def load_profile(name_or_path: str | Path) -> Profile:
     return reading.load_named("profile", str(name_or_path), shipped(), _parse)
 
 
-def _parse(document: Mapping[str, Any]) -> Profile:
+def _parse(document: Document) -> Profile:
     """Return the profile that a file's document holds; a ValueError says where it is wrong."""
     found = reading.typed({"schema": None, **document}, _KINDS)
     entry = found.get("robot", USUAL_ROBOT)
@@ -318,10 +318,10 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     )
 
 
-def _parse_plant(common: PlantProfile, section: Mapping[str, Any], where: str) -> PlantProfile:
+def _parse_plant(common: PlantProfile, section: Document, where: str) -> PlantProfile:
     """Return a plant's numbers: those of its section, and the common ones that it does not have."""
     reading.require_known(section, {*PARTS, "bands", "spread"}, where)
-    parts: dict[str, Any] = {}
+    parts: Document = {}
     for part in PARTS:
         parts[part] = _fill(getattr(common, part), section.get(part, {}), f"{where}.{part}")
     entries = section.get("bands", {})
@@ -339,9 +339,9 @@ def _parse_plant(common: PlantProfile, section: Mapping[str, Any], where: str) -
     return replace(common, bands=bands, spread=spread, **parts)
 
 
-def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
+def _fill(default: T, values: Document, where: str) -> T:
     """Return a copy of `default` with `values` in place, each of the type its field has."""
-    kinds: dict[str, Any] = {}
+    kinds: Document = {}
     for f in fields(default):  # type: ignore[arg-type]
         if f.name != "robot":
             is_text = isinstance(getattr(default, f.name), str)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations, pairwise, product, zip_longest
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from validation.experiment.gyro import GyroJudge
 from validation.experiment.runs import Run
 from validation.experiment.scores import Scores, headline_horizon, standing_sentences
 from validation.experiment.sources import RECORDING, Source
-from validation.output import one_line
+from validation.output import Document, one_line
 from validation.plants.profile import Profile
 from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
@@ -139,7 +138,7 @@ class Motions(Report):
         return self.options["horizons"] if self.reference == RECORDING else ()
 
     @cached_property
-    def alike(self) -> dict[str, Any] | None:
+    def alike(self) -> Document | None:
         """Plants that the recording does not tell apart, see `indistinguishable_pairs`."""
         return indistinguishable_pairs(self.scores, self.gyro_first)
 
@@ -242,7 +241,7 @@ class Motions(Report):
             notes.append(self.gyro.sentence)
         return [*notes, *self.source.warnings, *alike_sentences(self.scores, self.alike)]
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the contents of compare.json without options and tables."""
         plants = {}
         for name, run in self.runs.items():
@@ -370,7 +369,7 @@ def _band_table(scores: Mapping[str, Scores]) -> Table:
     rows: list[Row] = []
     for h in sorted(set().union(*(r.held for r in scores.values()))):
         for name, r in scores.items():
-            row: dict[str, Any] = {"horizon_s": h, "plant": name}
+            row: Document = {"horizon_s": h, "plant": name}
             for part, (share, score) in r.held.get(h, {}).items():
                 row[f"{part}_inside_share"] = share
                 row[f"{part}_score_m" if part == "position" else f"{part}_score_rad"] = score
@@ -423,7 +422,7 @@ def _health_table(runs: Mapping[str, Run]) -> Table:
 
 def indistinguishable_pairs(
     scores: Mapping[str, Scores], gyro_first: bool = False
-) -> dict[str, Any] | None:
+) -> Document | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
     Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`,
@@ -438,7 +437,7 @@ def indistinguishable_pairs(
     names = [name for name, r in scores.items() if horizon in r.windows]
     pairs = list(combinations(names, 2))
     block = max(horizon, SHORTEST_BLOCK_S)
-    alike: dict[str, Any] = {"horizon_s": horizon, "position": [], "yaw": []}
+    alike: Document = {"horizon_s": horizon, "position": [], "yaw": []}
     alike["better"] = {"position": [], "yaw": []}
     for quantity, better in alike["better"].items():
         errors = {}
@@ -459,7 +458,7 @@ def indistinguishable_pairs(
     return alike
 
 
-def alike_sentences(scores: Mapping[str, Scores], alike: Mapping[str, Any] | None) -> list[str]:
+def alike_sentences(scores: Mapping[str, Scores], alike: Document | None) -> list[str]:
     """Return sentences on the plants that a recording tells apart, and on those that it does not.
 
     `alike` is the result of `indistinguishable_pairs`.

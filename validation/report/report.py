@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from validation import output
-from validation.output import code_span, each_line, markdown, one_line, shortened
+from validation.output import Document, code_span, each_line, markdown, one_line, shortened
 from validation.report.columns import legend
 from validation.report.table import Table, html_of, image_html, section, text_tables
 
@@ -45,9 +45,9 @@ class Report:
     recording."""
     title: str
     """Work of the program, in one line."""
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Document = field(default_factory=dict)
     """Options that it was made with, by name, as its text and its picture say them."""
-    config: Mapping[str, Any] = field(default_factory=dict)
+    config: Document = field(default_factory=dict)
     """Program and options of the call, from which `--config` repeats it."""
     versions: Mapping[str, str] = field(default_factory=output.versions)
     """Versions of this project, Python and the packages that decide numbers."""
@@ -71,7 +71,7 @@ class Report:
         """Return what it found in one sentence or two, which stand before everything else."""
         return ""
 
-    def document(self) -> Mapping[str, Any]:
+    def document(self) -> Document:
         """Return what its JSON file has besides tables and notes: the schema and results."""
         return {}
 
@@ -203,7 +203,7 @@ class Report:
             write(place / name)
         return [path for path in (document, *map(place.joinpath, writers)) if path.exists()]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Document:
         """Return its JSON file without the names of the other files: plain values, no NaN."""
         document = {
             "tables": {table.title: list(table.rows) for table in self.tables() if table.rows},

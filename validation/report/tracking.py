@@ -24,7 +24,7 @@ from validation.experiment.tracked import (
     Followed,
     lost_text,
 )
-from validation.output import one_line, shortened
+from validation.output import Document, one_line, shortened
 from validation.plants.profile import Profile
 from validation.report.columns import REAL_TIME, declare
 from validation.report.drawing import how_driven
@@ -81,7 +81,7 @@ class Tracked(Report):
     ) -> Tracked:
         """Return the report on robots that followed one reference; `more` are other fields."""
         name = Path(one_line(reference)).name
-        about: dict[str, Any] = {
+        about: Document = {
             "title": f"{controller} follows {name} at {speed:.3g} m/s",
             "options": robots[0].options,
             "failure": None,
@@ -158,7 +158,7 @@ class Tracked(Report):
             Table("Errors to the moving target", loop, caption),
         ]
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the first robot as track.json has it, and the others under `beside`, by plant."""
         first, *others = self.robots
         fields = first.as_dict()

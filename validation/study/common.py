@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
 from validation import cli
+from validation.output import Document
 from validation.plants.profile import Profile, choose_profile
 from validation.report.drawing import PanelRow, draw_page
 from validation.report.report import Report
@@ -48,7 +48,7 @@ class Study(Report):
     endings = ("png", "md")
     shown: Sequence[Table]
     """Tables, the most important one first."""
-    about: Mapping[str, Any]
+    about: Document
     """Values that study.json has besides its tables."""
     panels: Sequence[PanelRow]
     """Panels of its picture, row by row."""
@@ -63,7 +63,7 @@ class Study(Report):
         """Return the remarks."""
         return [*super().notes(), *self.remarks]
 
-    def document(self) -> Mapping[str, Any]:
+    def document(self) -> Document:
         """Return what study.json has besides its tables."""
         return self.about
 

@@ -13,7 +13,6 @@ from ssmr.control.references import circle, eight, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import command_measures, cross_track_max
 from tests.conftest import ROUNDOFF
-from validation.experiment import tracked
 from validation.plants.profile import Profile
 from validation.track import MORE_DELAY, track
 
@@ -65,15 +64,6 @@ def test_the_jerk_is_the_second_derivative(bend: float, slope: float, period: fl
         np.column_stack([0.5 * bend * t**2 + slope * t, np.zeros(40)]), period
     )
     assert jerk == pytest.approx(abs(bend), abs=1e-9 / period**2)
-
-
-def test_a_long_run_is_shown_by_some_of_its_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = track("pid", "line", plant="linear").robots[0]
-    monkeypatch.setattr(tracked, "MOST_SHOWN", 100)
-    shown = whole.thinned()
-    assert 90 < len(shown.run.t) <= 102 < len(whole.run.t)
-    assert shown.run.t[-1] == whole.run.t[-1]
-    np.testing.assert_array_equal(shown.target.t, shown.run.t[: len(shown.target.t)])
 
 
 def test_the_report_shows_the_robot_itself_and_not_what_it_sees(lab: Profile) -> None:

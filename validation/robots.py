@@ -356,32 +356,25 @@ def _numbers(robot: Robot) -> Table:
 # --- the picture ---
 
 
-_ARROW = {"width": 3.0, "headwidth": 12.0, "facecolor": "0.1"}
-
-
 def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
     from matplotlib.patches import Rectangle
 
     from validation.report.drawing import equal_scales
 
-    com = whole_com(check.robot)
-    long, wide, _ = check.robot.body_size
-    x, y, _ = check.robot.body_centre
-    corner = (x - 0.5 * long, y - 0.5 * wide)
-    ax.add_patch(Rectangle(corner, long, wide, facecolor="#f6e3a1", edgecolor="0.1", zorder=1.6))
+    robot = check.robot
+    tyre = (2.0 * robot.wheel_radius, robot.wheel_width)
+    boxes = [(robot.body_centre[:2], robot.body_size[:2], "#f6e3a1")]
     for front, left, load in zip(FRONT, LEFT, check.loads, strict=True):
-        x = 0.5 * front * check.robot.wheelbase
-        y = 0.5 * left * check.robot.track
-        length = 2.0 * check.robot.wheel_radius
-        width = check.robot.wheel_width
-        corner = (x - 0.5 * length, y - 0.5 * width)
-        ax.add_patch(Rectangle(corner, length, width, facecolor="0.8", edgecolor="0.1", zorder=1.8))
-        ax.text(x, y, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
-    ax.plot(com[0], com[1], "P", markersize=9.0, color="black", zorder=5.0)
-    ax.text(com[0], com[1] - 0.05 * wide, "centre of mass", ha="center", va="top", zorder=6.0)
-    nose = check.robot.body_centre[0] + 0.5 * long
-    ax.annotate("", (nose, 0.0), (nose - 0.2 * long, 0.0), arrowprops=_ARROW, zorder=5.0)
-    ax.text(nose - 0.1 * long, 0.05 * wide, "forward", ha="center", zorder=6.0)
+        axle = (0.5 * front * robot.wheelbase, 0.5 * left * robot.track)
+        boxes.append((axle, tyre, "0.8"))
+        ax.text(*axle, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
+    for (x, y), (long, wide), ink in boxes:
+        corner = (x - 0.5 * long, y - 0.5 * wide)
+        ax.add_patch(Rectangle(corner, long, wide, facecolor=ink, edgecolor="0.1", zorder=1.6))
+    x, y, _ = whole_com(robot)
+    ax.plot(x, y, "P", markersize=9.0, color="black", zorder=5.0)
+    below = y - 0.05 * robot.body_size[1]
+    ax.text(x, below, "centre of mass", ha="center", va="top", zorder=6.0)
     equal_scales(ax, 0.0)
     ax.set(
         xlabel="x, forward [m]",

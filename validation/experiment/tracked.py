@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,8 +113,6 @@ TRACK_METRICS: Mapping[str, Metric] = {
 }
 """Metrics of a robot that follows a reference, by name: those of its path, then those of the
 loop."""
-MOST_SHOWN = 60_000
-"""Most ticks of a robot in a picture or recording: all of eight minutes."""
 MOST_BESIDE = 5
 """Greatest number of robots that can be told apart in one picture or recording."""
 OF_THE_PATH = (
@@ -157,18 +155,6 @@ class Followed:
         """Simulated over wall time; infinite where no time was taken."""
         simulated = float(self.run.t[-1]) if len(self.run.t) else 0.0
         return simulated / self.wall_s if self.wall_s > 0.0 else math.inf
-
-    def thinned(self) -> Followed:
-        """Return it as it is shown, with `MOST_SHOWN` ticks and the last one of a long run."""
-        n = len(self.run.t)
-        if n <= MOST_SHOWN:
-            return self
-        rows = np.append(np.arange(0, n - 1, math.ceil(n / MOST_SHOWN)), n - 1)
-        run = replace(self.run, t=self.run.t[rows], table=self.run.table[rows])
-        w = self.target
-        kept = rows[rows < len(w)]
-        target = Trajectory(w.t[kept], w.pose[kept], w.twist[kept], w.wheels[kept])
-        return replace(self, run=run, target=target)
 
     def as_dict(self) -> Document:
         """Return the metrics, whether the robot was lost, and how long simulating took."""

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ssmr.geometry import compose, relative, rotate_body_to_world, wrap_angle
+from ssmr.geometry import compose, relative, rotate_body_to_world
 from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.scores import HEADLINE_HORIZON
 from validation.output import shortened
 from validation.report.columns import DEGREES, length_unit
 from validation.report.drawing import (
-    ALARM,
     BROAD,
     COMMAND_LOOK,
+    KEY,
     NARROW,
     QUIET,
     Curve,
@@ -30,7 +30,6 @@ from validation.report.drawing import (
     HorizonMarks,
     Panel,
     PanelRow,
-    corner_note,
     draw_curves,
     draw_ellipse,
     draw_horizons,
@@ -38,7 +37,6 @@ from validation.report.drawing import (
     draw_paths,
     how_driven,
     ink_of,
-    join_pieces,
     key_line,
 )
 from validation.report.motions import Motions, headline_error
@@ -113,13 +111,13 @@ class Comparison(Motions):
             heading = f"Paths over {words} [m]: all start at one pose; from small to large errors"
             if any(scores.band for scores in self.scores.values()):
                 heading += "; shaded: 90 % band"
-            panels = [partial(self._draw_window, window) for window in windows]
+            panels = [partial(self._draw_window, window, False) for window in windows]
             rows.append(PanelRow(3.5, panels, heading=heading))
         else:
-            path = np.concatenate([piece.xy for piece in self.truth])
+            path = self.truth[0].xy
             width, height = np.ptp(path, axis=0) + 0.5
             tall = float(np.clip(10.0 * height / width, 3.0, 5.5))
-            rows.append(PanelRow(tall, [self._draw_paths]))
+            rows.append(PanelRow(tall, [partial(self._draw_window, (0, len(path) - 1), True)]))
         flags = [name for name, value in self.options.items() if value is True]
         made = [f"reference {self.reference}", f"seed {self.seed}", *flags]
         kind = "commands" if self._by_speed else "measured wheel rates"
@@ -178,93 +176,79 @@ class Comparison(Motions):
 
     # --- paths ---
 
-    def _draw_paths(self, ax: Axes) -> None:
-        """Draw the paths as they were driven."""
-        curves = list[Curve]()
-        ends = {}
-        for track in self.tracks():
-            paths = [(piece.pose[:, 0], piece.pose[:, 1]) for piece in track.pieces]
-            curves.append((*join_pieces(paths), _look_of(track)))
-            ends[track.name] = track.pieces[-1].pose[-1]
-            first = track.pieces[0]
-            self._draw_band(track, (0, 0, len(first) - 1), first.pose[0], ax)
-        draw_paths(curves, ends, 1.0, ax)
-        ax.set(title="Paths [m] (ring: start)", xlabel="x [m]", ylabel="y [m]")
+    def _draw_window(self, window: tuple[int, int], is_whole: bool, ax: Axes) -> None:
+        """Draw the paths over one window, its first and last sample.
 
-    def _draw_window(self, window: tuple[int, int, int], ax: Axes) -> None:
-        """Draw the paths over one window, each seen from its own pose at the window's start."""
-        i, a, b = window
+        Each is seen from its own pose at the window's start, or as it was driven if that is all.
+        """
+        a, b = window
+        reference, *_ = tracks = self.tracks()
         curves = list[Curve]()
         ends = {}
-        for track in self.tracks():
-            pose = track.pieces[i].pose
-            x, y, yaw = relative(pose[a], pose[a : b + 1]).T
-            curves.append((x, y, _look_of(track)))
-            ends[track.name] = np.array([x[-1], y[-1], yaw[-1]])
-            self._draw_band(track, window, np.zeros(3), ax)
-        draw_paths(curves, ends, 0.6, ax)
+        for track in tracks:
+            at = track.pose[a] if is_whole else np.zeros(3)
+            path = compose(at, relative(track.pose[a], track.pose[a : b + 1]))
+            curves.append((path[:, 0], path[:, 1], _look_of(track)))
+            ends[track.name] = path[-1]
+            self._draw_band(track, window, at, ax)
+        draw_paths(curves, ends, 1.0 if is_whole else 0.6, ax)
+        if is_whole:
+            ax.set(title="Paths [m] (ring: start)", xlabel="x [m]", ylabel="y [m]")
+            return
         ax.locator_params(axis="x", nbins=5)
-        t = self.truth[i].t - self._span[0]
-        ax.set_title(f"{t[a]:.1f} to {t[b]:.1f} s", fontweight="normal")
+        start, end = reference.t[[a, b]] - self._span[0]
+        ax.set_title(f"{start:.1f} to {end:.1f} s", fontweight="normal")
         ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
 
-    def _draw_band(
-        self, track: Track, window: tuple[int, int, int], at: FloatArray, ax: Axes
-    ) -> None:
+    def _draw_band(self, track: Track, window: tuple[int, int], at: FloatArray, ax: Axes) -> None:
         """Draw a plant's 90 % ellipses, every second of a window that starts `at` a pose."""
         scores = self.scores.get(track.name)
         if scores is None or scores.band is None or track.reference is None:
             return
-        i, a, b = window
-        t = track.pieces[i].t
-        pose = track.pieces[i].pose
-        ends = np.searchsorted(t, np.arange(t[b], t[a], -1.0))
-        covariance = scores.band.covariance(pose, np.full(len(ends), a), ends)
-        middles = compose(at, relative(pose[a], pose[ends]))[:, :2]
+        a, b = window
+        ends = np.searchsorted(track.t, np.arange(track.t[b], track.t[a], -1.0))
+        covariance = scores.band.covariance(track.pose, np.full(len(ends), a), ends)
+        middles = compose(at, relative(track.pose[a], track.pose[ends]))[:, :2]
         axes = rotate_body_to_world(np.eye(2), at[2]).T
         reach = scores.band.reach_position
         for middle, one in zip(middles, covariance, strict=True):
             draw_ellipse(ax, middle, axes @ one @ axes.T, reach, ink_of(track.name))
 
-    def _windows(self) -> tuple[str, list[tuple[int, int, int]]]:
-        """A heading for the windows shown, and (piece, first, last sample) of each by error.
+    def _windows(self) -> tuple[str, list[tuple[int, int]]]:
+        """A heading for the windows shown, and the first and last sample of each by error.
 
         All windows of the horizon closest to `HEADLINE_HORIZON` in which a plant moves are put in
         the order of the plants' mean error, and some that are spread evenly are shown. Where none
         fits, whole pieces serve.
         """
         reference, *others = self.tracks()
+        begins = np.cumsum([0, *map(len, self.truth)])
         words = "whole pieces"
-        windows = [(i, 0, len(piece) - 1) for i, piece in enumerate(reference.pieces)]
+        windows = np.stack([begins[:-1], begins[1:] - 1])
         horizons = self.horizons or [HEADLINE_HORIZON]
         for horizon in sorted(horizons, key=lambda h: abs(h - HEADLINE_HORIZON)):
-            pairs = zip(self.source.pieces, reference.pieces, strict=True)
-            cuts = [piece.windows(horizon_windows, motion.t, horizon) for piece, motion in pairs]
-            fitting = list[tuple[int, int, int]]()
-            for i, (first, last) in enumerate(cuts):
-                fitting.extend((i, int(a), int(b)) for a, b in zip(first, last, strict=True))
-            if fitting:
+            cuts = []
+            for piece, motion, begin in zip(self.source.pieces, self.truth, begins, strict=False):
+                cuts.append(begin + np.stack(piece.windows(horizon_windows, motion.t, horizon)))
+            fitting = np.hstack(cuts)
+            if fitting.size:
                 words = f"windows of {horizon:g} s"
                 windows = fitting
                 break
 
-        def moves(window: tuple[int, int, int]) -> bool:
-            i, a, b = window
-            paths = [track.pieces[i].pose[a : b + 1] for track in others]
+        def moves(window: tuple[int, int]) -> bool:
+            a, b = window
+            paths = [track.pose[a : b + 1] for track in others]
             return any(np.ptp(path, axis=0).max() > _LEAST_MOTION for path in paths)
 
-        shown = list(filter(moves, windows)) or windows
-        number, first, last = np.array(shown).T
-        errors = np.zeros(len(shown))
-        for i, piece in enumerate(reference.pieces):
-            inside = number == i
-            ends = (first[inside], last[inside])
-            for track in others:
-                errors[inside] += relative_pose_error(track.pieces[i].pose, piece.pose, *ends)[0]
-        ranked = [shown[k] for k in np.argsort(errors, kind="stable")]
+        every = list(zip(*windows.tolist(), strict=True))
+        shown = list(filter(moves, every)) or every
+        ends = np.array(shown).T
+        errors = [relative_pose_error(track.pose, reference.pose, *ends)[0] for track in others]
+        ranked = [shown[k] for k in np.argsort(np.sum(errors, axis=0), kind="stable")]
         n = min(_WINDOWS, len(ranked))
         spread = [ranked[int((k + 0.5) / n * len(ranked))] for k in range(n)]
-        return f"{n} of {len(windows)} {words}", spread
+        return f"{n} of {len(every)} {words}", spread
 
     # --- over time ---
 
@@ -285,8 +269,8 @@ class Comparison(Motions):
             return start, stop
         longest = max(self.truth, key=lambda piece: float(piece.t[-1] - piece.t[0]))
         t = longest.t
-        steps = np.abs(np.diff(longest.pose, axis=0)).sum(axis=1)
-        way = np.concatenate([[0.0], np.cumsum(steps)])
+        steps = np.diff(longest.pose, axis=0, prepend=longest.pose[:1])
+        way = np.cumsum(np.abs(steps).sum(axis=1))
         begins = np.arange(t[0], max(t[-1] - _STRETCH, t[0] + 0.5), 1.0)
         ways = np.interp(begins + _STRETCH, t, way) - np.interp(begins, t, way)
         begin = min(float(begins[np.argmax(ways)]), stop - _STRETCH)
@@ -294,14 +278,18 @@ class Comparison(Motions):
 
     def _over_time(
         self, track: Track, values: Callable[[Trajectory], FloatArray], **look: Any
-    ) -> Curve:
-        """Return a quantity of a motion over the span of velocities; `look` may differ from its."""
+    ) -> list[Curve]:
+        """Return a quantity of a motion over the span of velocities, piece by piece.
+
+        `look` may differ from the motion's.
+        """
         low, high = self._shown_span
-        parts = []
+        curves = list[Curve]()
         for piece in track.pieces:
             k = (piece.t >= low) & (piece.t <= high)
-            parts.append((piece.t[k] - self._span[0], values(piece)[k]))
-        return *join_pieces(parts), _look_of(track) | look
+            curves.append((piece.t[k] - self._span[0], values(piece)[k], _look_of(track) | look))
+            look["label"] = ""  # one entry of a legend
+        return curves
 
     @cached_property
     def _time_axis(self) -> dict[str, Any]:
@@ -317,83 +305,65 @@ class Comparison(Motions):
 
     def _draw_velocity(self, title: str, column: int, command: int, ax: Axes) -> None:
         """Draw one component of every robot's velocity, and of the command if it is a velocity."""
-        curves = [
-            self._over_time(track, lambda piece: piece.twist[:, column]) for track in self.tracks()
-        ]
-        if self._by_speed:
-            parts = [(t - self._span[0], values[:, command]) for t, values in self.given()]
-            curves.append((*join_pieces(parts), COMMAND_LOOK))
+        curves = list[Curve]()
+        for track in self.tracks():
+            curves += self._over_time(track, lambda piece: piece.twist[:, column])
+        for t, values in self.given() if self._by_speed else ():
+            curves.append((t - self._span[0], values[:, command], COMMAND_LOOK))
         draw_curves(curves, 0.1, ax, title=title, **self._time_axis)
 
     def _error_panels(self, tracks: Sequence[Track]) -> PanelRow:
         """Return panels of the motions' errors at equal times."""
-        positions = list[Curve]()
-        yaws = list[Curve]()
         begin, end = self._span
-        for track in tracks:
-            pairs = list(zip(track.pieces, self.truth, strict=True))
-            off = [(true.t - begin, np.hypot(*(piece.xy - true.xy).T)) for piece, true in pairs]
-            positions.append((*join_pieces(off), _look_of(track)))
-            off = [(true.t - begin, wrap_angle(piece.yaw - true.yaw)) for piece, true in pairs]
-            yaws.append((*join_pieces(off), _look_of(track)))
-        length = length_unit([float(np.nanmax(errors)) for _, errors, _ in positions])
+        gaps = np.cumsum([len(piece) for piece in self.truth])[:-1]
+        units = {"Position": length_unit([float(track.errors[0].max()) for track in tracks])}
+        units["Yaw"] = DEGREES
         panels = list[Panel]()
-        for what, unit, curves in (("Position", length, positions), ("Yaw", DEGREES, yaws)):
-            scaled = [(t, unit.scale * errors, look) for t, errors, look in curves]
+        for which, (what, unit) in enumerate(units.items()):
+            curves = list[Curve]()
+            for track in tracks:
+                errors = np.split(unit.scale * track.errors[which], gaps)
+                for true, error in zip(self.truth, errors, strict=True):
+                    curves.append((true.t - begin, error, _look_of(track)))
             title = f"{what} error [{unit.symbol}] at equal times"
             axis: dict[str, Any] = {"xlabel": "time [s]", "xlim": (0.0, end - begin)}
-            panels.append(partial(draw_curves, scaled, 1e-3, title=title, **axis))
+            panels.append(partial(draw_curves, curves, 1e-3, title=title, **axis))
         return PanelRow(2.3, panels)
 
     def _draw_loads(self, track: Track, ax: Axes) -> None:
         """Draw the loads of the four wheels, averaged over 0.25 s, and the verdict on them."""
-        curves = []
+        curves = list[Curve]()
         for k, wheel in enumerate(WHEELS):
-            look: dict[str, Any] = {
-                "color": ink_of(track.name) if wheel.startswith("front") else "0.25",
-                "linestyle": (0.0, (4.0, 1.5)) if wheel.endswith("right") else "solid",
-                "gid": wheel,
-                "label": wheel.replace("_", " "),
-            }
-            curves.append(self._over_time(track, partial(_mean_load, "wheel_load_N", k), **look))
+            curves += self._over_time(
+                track,
+                partial(_mean_load, "wheel_load_N", k),
+                color=ink_of(track.name) if wheel.startswith("front") else "0.25",
+                linestyle=(0.0, (4.0, 1.5)) if wheel.endswith("right") else "solid",
+                gid=wheel,
+                label=wheel.replace("_", " "),
+            )
             if track.channel(QUASI_STATIC) is not None:
-                look = {
-                    "color": QUIET,
-                    "linewidth": 1.0,
-                    "linestyle": (0.0, (1.0, 1.0)),
-                    "gid": f"{wheel} quasi-static",
-                }
-                curves.append(self._over_time(track, partial(_mean_load, QUASI_STATIC, k), **look))
-        title = f"Wheel loads [N]: means over {_MEAN_TIME:g} s; dotted: quasi-static"
-        draw_curves(curves, 10.0, ax, title=title, **self._time_axis)
-        ax.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.01, 0.98),
-            ncols=4,
-            frameon=False,
-            fontsize=9.0,
-            handlelength=1.8,
-            columnspacing=1.2,
-            borderaxespad=0.0,
-        )
-        low, high = ax.get_ylim()
-        ax.set_ylim(low - 0.3 * (high - low), high)  # room for the verdict
+                curves += self._over_time(
+                    track,
+                    partial(_mean_load, QUASI_STATIC, k),
+                    color=QUIET,
+                    linewidth=1.0,
+                    linestyle=(0.0, (1.0, 1.0)),
+                    gid=f"{wheel} quasi-static",
+                )
+        title = "Wheel loads [N] (dotted: quasi-static)"
         run = self.runs.get(track.name)
         if run is not None and (health := run.health) is not None:
-            state = verdict(health)
-            words = state if health["ok"] else state.upper()
-            note = (
-                f"{track.name} {words}: lowest load {health['lowest_load_share']:.0%} "
-                f"of a wheel's mean, deviation {health['load_deviation']:.1%}"
-            )
-            corner_note(ax, note, ALARM if health["advice"] else QUIET)
+            title += f": {verdict(health)}, least {health['lowest_load_share']:.0%} of the mean"
+        draw_curves(curves, 10.0, ax, title=title, **self._time_axis)
+        ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.95), ncols=4, **KEY)
 
 
 def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:
-    size = 1
-    if len(piece) > 1:
-        period = float(np.median(np.diff(piece.t)))
-        size = max(1, round(_MEAN_TIME / period))
-    ends = (size // 2, size - 1 - size // 2)
-    loads = np.pad(piece.channels[channel][:, wheel], ends, mode="edge")
-    return np.convolve(loads, np.full(size, 1.0 / size), mode="valid")
+    from scipy.ndimage import uniform_filter1d
+
+    period = float(np.median(np.diff(piece.t))) if len(piece) > 1 else _MEAN_TIME
+    loads = piece.channels[channel][:, wheel]
+    size = max(1, round(_MEAN_TIME / period))
+    means: FloatArray = uniform_filter1d(loads, size, mode="nearest")
+    return means

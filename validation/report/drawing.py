@@ -69,25 +69,20 @@ _KEY_IN = 0.75  # width of an entry of a legend without its words
 _CHARACTER_IN = 0.077  # width of a character there
 _TITLE: Mapping[str, Any] = {"fontsize": 14.0, "fontweight": "bold"}
 _HEADING: Mapping[str, Any] = {"fontsize": 10.5, "fontweight": "bold"}
-_KEY: Mapping[str, Any] = {
+KEY: Mapping[str, Any] = {
     "frameon": False,
     "fontsize": 9.0,
     "borderaxespad": 0.4,
     "handlelength": 2.8,
     "columnspacing": 1.4,
 }
+"""Look of a legend."""
 
 
 def ink_of(name: str) -> tuple[float, float, float]:
     """Return a plant's colour for lines on white: a little darker than for surfaces."""
     red, green, blue = mix(colour(name), BLACK, 0.1)
     return red / 255.0, green / 255.0, blue / 255.0
-
-
-def join_pieces(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """(M,) abscissae and ordinates of all pieces, with a NaN where the line breaks."""
-    xs, ys = ([np.append(part[k], np.nan) for part in parts] for k in range(2))
-    return np.concatenate([*xs, [np.nan]])[:-2], np.concatenate([*ys, [np.nan]])[:-2]
 
 
 # --- marks in a panel ---
@@ -163,22 +158,6 @@ def draw_paths(
         dart = (3, 0, math.degrees(yaw) - 90.0)
         ax.plot(*place, marker=dart, ms=12.0, color=ink_of(name), mec="white", mew=0.6, zorder=4.0)
     equal_scales(ax, smallest)
-
-
-def corner_note(ax: Axes, text: str, ink: str = QUIET) -> None:
-    """Write a remark in a panel's corner."""
-    ax.text(
-        0.995,
-        0.02,
-        text,
-        transform=ax.transAxes,
-        ha="right",
-        va="bottom",
-        fontsize=8.5,
-        color=ink,
-        zorder=6.0,
-        bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0},
-    )
 
 
 def pale(ink: Ink) -> Ink:
@@ -322,7 +301,7 @@ def draw_page(
         heading = abridged(title, _LONGEST_TITLE)
         head.text(edge, 1.0 - _EDGE_IN / heights[0], heading, va="top", color=ink, **_TITLE)
         if legend:
-            head.legend(handles=legend, loc="lower left", ncols=across, **_KEY)
+            head.legend(handles=legend, loc="lower left", ncols=across, **KEY)
         for part, row in zip(parts, rows, strict=True):
             if row.heading:
                 part.suptitle(row.heading, x=edge, ha="left", **_HEADING)

@@ -212,9 +212,8 @@ class Tracked(Report):
         if "feedback" in self.options:
             words.append(f"feedback {self.options['feedback']}")
         foot = how_driven(self.profile_label, self.terrain, words, self.versions)
-        shown = [robot.thinned() for robot in self.robots]
         name = shortened(self.gains_name, 40)
-        return draw_track(shown, self.title, f"gains {name}: {gains}", foot)
+        return draw_track(self.robots, self.title, f"gains {name}: {gains}", foot)
 
     def record(self, path: Path) -> None:
         """Write robots, moving target and signals as a rerun recording, whole or not at all.
@@ -225,21 +224,18 @@ class Tracked(Report):
         """
         from validation.report.scene import Scene, write_scene
 
-        thinned = [robot.thinned() for robot in self.robots]
-        motions = [
-            *((r.plant, r.run.motion) for r in thinned),
-            ("reference", longest_target(thinned)),
-        ]
+        motions = {r.plant: r.run.motion for r in self.robots}
+        motions["reference"] = longest_target(self.robots)
         *tracks, target = (
             Track(name, (motion,), None, terrain=self.terrain, robot=self.profile.robot)
-            for name, motion in motions
+            for name, motion in motions.items()
         )
         scene = Scene(
             program=self.program,
             title=f"{self.title}, profile {self.profile_label}",
             tracks=tracks,
             report=self.to_markdown(),
-            plots=_plots(thinned),
+            plots=_plots(self.robots),
             target=target,
         )
         write_scene(scene, path)

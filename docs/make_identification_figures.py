@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from ssmr.geometry import integral
 from ssmr.metrics.windows import horizon_windows
 from ssmr.types import FloatArray, IndexArray
+from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
 from validation.files.csv_logs import read_csv
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS
 from validation.files.signals import fresh_poses
 from validation.plants.profile import PLANTS, load_profile
 from validation.report.palette import colour

@@ -16,9 +16,10 @@ from tests.bag_factory import KINDS, Message, circle, poses_at, write
 from tests.conftest import ROUNDOFF
 from validation.experiment.sources import open_source
 from validation.files.bags import read_topics, to_local
+from validation.files.columns import POSE_COLUMNS, RECORDED
 from validation.files.formats import is_log, read_log
 from validation.files.inspection import Inspected
-from validation.files.log import POSE_COLUMNS, RECORDED, ReadOptions, Topic
+from validation.files.log import ReadOptions, Topic
 from validation.files.reading import FileError
 from validation.files.topics import choose_topics
 
@@ -126,7 +127,7 @@ def test_topics_are_guessed_by_type_and_by_usual_names(tmp_path: Path) -> None:
 )
 def test_wrong_topics_are_refused(bag_path: Path, named: dict[str, str], message: str) -> None:
     with pytest.raises(FileError, match=message) as refused:
-        read_log(bag_path, ReadOptions(named))
+        read_log(bag_path, ReadOptions(topics=named))
     assert str(refused.value).startswith(str(bag_path))
 
 
@@ -188,7 +189,9 @@ def test_late_samples_are_sorted_and_stamps_of_a_clock_that_jumps_are_not_believ
     assert booted.remark == ""  # any origin will do
     log = read_log(write(tmp_path, "mcap", poses_at(jump=30.0), "jumped"))
     np.testing.assert_allclose(log.t, 0.1 * np.arange(20), atol=STAMP)
-    assert log.remarks == ["/pose: the clock of the messages jumps, so the times of writing count"]
+    assert list(log.remarks) == [
+        "/pose: the clock of the messages jumps, so the times of writing count"
+    ]
 
 
 WEAVES = 0.1 * np.arange(400)
@@ -227,7 +230,7 @@ def test_a_simulations_clock_counts_and_commands_are_brought_onto_it(tmp_path: P
     for name in ("wheels", "pose", "cmd"):
         np.testing.assert_allclose(log.groups[name].t, WEAVES, atol=1e-3)
     assert any("0.6 times as fast" in remark for remark in log.remarks)
-    assert log.faults == []
+    assert not log.faults
 
 
 @pytest.mark.parametrize("ahead", [20.0, -59.0])
@@ -305,7 +308,7 @@ def test_transforms_are_chained_to_a_pose(tmp_path: Path) -> None:
     assert log.groups["pose"].source == "/tf:map.base_link"
     np.testing.assert_allclose(log.columns["y"], log.t, atol=ROUNDOFF)
     np.testing.assert_allclose(log.columns["x"], 1.0, atol=ROUNDOFF)
-    named = read_log(path, ReadOptions({"pose": "/tf:odom.base_link"}))
+    named = read_log(path, ReadOptions(topics={"pose": "/tf:odom.base_link"}))
     np.testing.assert_allclose(named.columns["x"], named.t, atol=ROUNDOFF)
 
 

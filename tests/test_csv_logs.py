@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from ssmr.parameters import described
 from validation.files import csv_logs
+from validation.files.columns import COLUMNS, RECORDED, is_column_name
 from validation.files.csv_logs import read_csv, write_csv
 from validation.files.formats import read_log
 from validation.files.limits import USUAL, LogLimits
-from validation.files.log import COLUMNS, RECORDED, Log, ReadOptions, is_column_name
+from validation.files.log import Log, ReadOptions
 from validation.files.reading import FileError
 from validation.files.signals import TIME_ROUNDOFF
 
@@ -329,7 +330,7 @@ def test_columns_with_other_names_and_units_are_read_as_ours(tmp_path: Path) -> 
         "cmd_v": ("v", "km/h"),
     }
     wanted = read_csv(ours)
-    measured = read_csv(theirs, ReadOptions(columns=read, radius=0.15))
+    measured = read_csv(theirs, ReadOptions(columns=read), radius=0.15)
     assert set(measured.columns) == set(wanted.columns)
     for name, values in wanted.columns.items():
         assert np.allclose(measured.columns[name], values, rtol=1e-9, atol=1e-9), name

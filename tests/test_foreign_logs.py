@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from ssmr.types import FloatArray
+from validation.files.columns import COMMAND_COLUMNS
 from validation.files.csv_logs import read_csv
 from validation.files.formats import read_log, write_log
 from validation.files.inspection import Inspected
-from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions
+from validation.files.log import Log, ReadOptions
 from validation.files.reading import FileError
 
 T = 0.1 * np.arange(200)

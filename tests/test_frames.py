@@ -15,9 +15,10 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import MOTOR_COLUMNS, State, Trajectory
 from validation import load_profile, open_source
 from validation.compare import compare
+from validation.files.columns import COLUMNS
 from validation.files.csv_logs import read_csv, read_frame
 from validation.files.formats import log_path
-from validation.files.log import COLUMNS, PLAIN, Log
+from validation.files.log import PLAIN, Log
 from validation.files.reading import FileError
 from validation.plants.profile import make_plant
 from validation.plants.table import PLANTS
@@ -55,7 +56,7 @@ def test_a_frame_is_the_log_of_its_csv_file(
     path = tmp_path_factory.mktemp("frame") / "frame.csv"
     frame.to_csv(path, index=False)
     outcomes = []
-    for read in (lambda: read_csv(path), lambda: read_frame(frame, PLAIN)):
+    for read in (lambda: read_csv(path), lambda: read_frame(frame, PLAIN, None)):
         try:
             log = read()
             outcomes.append((groups_of(log), list(log.remarks)))

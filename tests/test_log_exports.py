@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from ssmr.geometry import quat_wxyz_to_yaw
 from tests.bag_factory import circle, write
 from tests.conftest import exit_status
+from validation.files.columns import POSE_COLUMNS, RECORDED, is_column_name
 from validation.files.formats import read_log, write_log
-from validation.files.log import POSE_COLUMNS, RECORDED, Log, is_column_name
+from validation.files.log import Log
 from validation.recordings import PROGRAM, convert
 
 SPECIAL = (

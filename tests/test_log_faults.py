@@ -15,10 +15,11 @@ from ssmr.types import FloatArray
 from tests.conftest import data_folder
 from validation.compare import compare
 from validation.files import motion
+from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
 from validation.files.csv_logs import write_csv
 from validation.files.formats import log_path, read_log
 from validation.files.inspection import AFTER_COMMAND_S, Faults, Inspected
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log
+from validation.files.log import Log
 from validation.files.motion import JUMP_M, JUMP_RAD
 from validation.fit import fit
 from validation.recordings import info

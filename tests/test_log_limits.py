@@ -177,7 +177,7 @@ def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_pat
 def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, t: np.ndarray, x: np.ndarray, message: str
 ) -> None:
-    def read(path: Path, options: ReadOptions) -> Log:
+    def read(path: Path, options: ReadOptions, radius: float | None) -> Log:
         return Log.of_columns(path, {"t": t, "x": x}, options.limits)
 
     monkeypatch.setattr(formats, "FORMATS", (LogFormat((".odd",), read=read),))

@@ -17,7 +17,7 @@ from ssmr.types import State
 from tests.conftest import EXACT, ROUNDOFF
 from tests.robots import HUSKY
 from validation.experiment.runs import drive
-from validation.experiment.sources import Source, open_source, source_of
+from validation.experiment.sources import Source, open_source
 from validation.files.log import Log
 from validation.identify.objective import FitCost, make_raters
 from validation.identify.problem import FitProblem
@@ -61,7 +61,7 @@ def scenario(lab: Profile, name: str = "traj4@improved") -> Source:
 
 
 def log_target(lab: Profile, kind: str = "twist") -> Source:
-    return source_of(recorded(lab), "log", kind)  # type: ignore[arg-type]
+    return open_source(recorded(lab), kind)  # type: ignore[arg-type]
 
 
 FREE = {

@@ -11,7 +11,7 @@ from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from tests.bag_factory import Message, joints, pose_stamped, write
 from validation.descriptions.loading import load_robot
-from validation.experiment.sources import RECORDING_GRID, open_source, source_of
+from validation.experiment.sources import RECORDING_GRID, open_source
 from validation.files.formats import read_log
 from validation.files.log import Group, Log
 from validation.fit import fit
@@ -84,8 +84,7 @@ def test_commands_begin_at_their_own_stamps_and_end_half_a_second_after_the_last
     pose = {"x": 0.01 * seen, "y": 0.0 * seen, "yaw": 0.0 * seen}
     command = {"cmd_v": 1.0 + np.arange(len(commanded)), "cmd_w": 0.0 * commanded}
     groups = {"pose": Group("/pose", seen, pose), "cmd": Group("/cmd_vel", commanded, command)}
-    log = Log(Path("drive.bag"), groups).on_one_clock()
-    (piece,) = source_of(log, "drive.bag").pieces
+    (piece,) = open_source(Log(Path("drive.bag"), groups)).pieces
     begun = RECORDING_GRID * np.flatnonzero(np.diff(piece.commands.values[:, 0], prepend=0.0))
     assert begun[:-1] == pytest.approx(commanded)
     assert begun[-1] == pytest.approx(commanded[-1] + 0.5 + RECORDING_GRID)

@@ -20,7 +20,7 @@ from validation.experiment.scores import score, standing_sentences
 from validation.experiment.sources import (
     WindowCut,
     commands_on_grid,
-    source_of,
+    open_source,
 )
 from validation.files.log import Log
 
@@ -113,7 +113,7 @@ def test_a_source_begins_with_the_twist_of_its_first_poses(
     log = Log.of_columns(
         "drive.csv", {"t": t, **pose, "yaw": wrapped, "enc_left": t, "enc_right": -t}
     )
-    state = source_of(log, "drive.csv", "wheels").pieces[0].start
+    state = open_source(log, "wheels").pieces[0].start
     assert (state.x, state.y, state.wheel_left, state.wheel_right) == (3.0, -2.0, 100.0, -100.0)
     assert state.yaw == pytest.approx(3.0)
     # a twist of 1e-9 rad/s makes the closed form above lose digits: 1e-16 / 1e-9 of a metre
@@ -127,7 +127,7 @@ def test_the_beginning_does_not_look_past_half_a_second_or_a_gap() -> None:
     log = Log.of_columns(
         "drive.csv", {"t": t, "x": x, **dict.fromkeys(("y", "yaw", "cmd_v", "cmd_w"), 0.0 * x)}
     )
-    first, second = (piece.start for piece in source_of(log, "drive.csv").pieces)
+    first, second = (piece.start for piece in open_source(log).pieces)
     assert first.v_x == pytest.approx(0.2, abs=EXACT_FIT)
     assert second.v_x == pytest.approx(-1.0, abs=EXACT_FIT)
     assert first.wheel_left == first.wheel_right == 0.0
@@ -143,21 +143,16 @@ def test_the_odometrys_speeds_stand_for_commands_that_were_not_recorded() -> Non
         "odom_v": 0.5 + 0.01 * t,
         "odom_w": 0.02 * t,
     }
-    source = source_of(Log.of_columns("bag.csv", columns), "bag.csv")
+    source = open_source(Log.of_columns("bag.csv", columns))
     speeds = np.column_stack([columns["odom_v"], columns["odom_w"]])
     assert np.array_equal(source.pieces[0].commands.values[::10], speeds[:-1])
     # another one says that there is no window of 6 s
     assert sum("the odometry's speeds" in warning for warning in source.warnings) == 1
-    own = source_of(
-        Log.of_columns("bag.csv", {**columns, "cmd_v": 0.0 * t, "cmd_w": 0.0 * t}), "bag.csv"
-    )
+    own = open_source(Log.of_columns("bag.csv", {**columns, "cmd_v": 0.0 * t, "cmd_w": 0.0 * t}))
     assert not own.pieces[0].commands.values.any()
     assert not any("odometry" in warning for warning in own.warnings)
     with pytest.raises(ValueError, match="no column cmd_v, cmd_w"):
-        source_of(
-            Log.of_columns("bag.csv", {n: a for n, a in columns.items() if n != "odom_w"}),
-            "bag.csv",
-        )
+        open_source(Log.of_columns("bag.csv", {n: a for n, a in columns.items() if n != "odom_w"}))
 
 
 # --------------------------------------------------------------------------------------------------
@@ -167,7 +162,7 @@ def test_windows_span_no_jump(cut: WindowCut) -> None:
     columns = drive()
     at = [7.3, 20.0, 20.1, 41.5]
     sound, jumped = (
-        source_of(Log.of_columns("log.csv", c), "log").pieces[0]
+        open_source(Log.of_columns("log.csv", c)).pieces[0]
         for c in (columns, with_jumps(columns, dict.fromkeys(at, 1.0)))
     )
     for horizon in (2.0, 6.0):
@@ -188,7 +183,7 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
     for name in ("x", "y", "yaw"):
         columns[name] = np.where(stands, columns[name][600], columns[name])
     kept = columns if wheels else {n: v for n, v in columns.items() if not n.startswith("enc")}
-    source, sound = (source_of(Log.of_columns("log.csv", c), "log") for c in (kept, drive()))
+    source, sound = (open_source(Log.of_columns("log.csv", c)) for c in (kept, drive()))
     (message,) = standing_sentences(source, 6.0)
     share = float(re.search(r"throughout (\d+) % of the windows of 6 s", message)[1])
     assert share == pytest.approx(2400.0 / 54.0, abs=5.0)
@@ -216,8 +211,8 @@ def test_the_gyro_judges_headings_whatever_its_sign_and_bias(sign: float, stalls
     pose = (
         {n: np.interp(late, columns["t"], columns[n]) for n in ("x", "y", "yaw")} if stalls else {}
     )
-    source = source_of(
-        Log.of_columns("log.csv", {**columns, **pose, "gyro_z": sign * rate + 0.02}), "log"
+    source = open_source(
+        Log.of_columns("log.csv", {**columns, **pose, "gyro_z": sign * rate + 0.02})
     )
     judge = find_gyro_judge(source)
     assert judge.first == stalls
@@ -236,7 +231,5 @@ def test_a_gyro_that_shows_something_else_judges_nothing() -> None:
     columns = drive()
     noise = np.random.default_rng(1).standard_normal(len(columns["t"]))
     for wrong in ({"gyro_z": noise}, {"gyro_z": 0.0 * noise}):
-        assert (
-            find_gyro_judge(source_of(Log.of_columns("log.csv", {**columns, **wrong}), "log"))
-            is None
-        )
+        source = open_source(Log.of_columns("log.csv", {**columns, **wrong}))
+        assert find_gyro_judge(source) is None

@@ -23,7 +23,8 @@ from validation.calibrate import calibrate
 from validation.compare import compare
 from validation.files import guarded
 from validation.files.bags import read_bag
-from validation.files.log import PLAIN, column_of
+from validation.files.columns import column_of
+from validation.files.log import PLAIN
 from validation.fit import fit
 
 WHEELS = "/joint_states"

@@ -27,13 +27,14 @@ from validation import cli, output
 from validation.compare import compare
 from validation.experiment.gyro import with_gyro
 from validation.experiment.scores import HEADLINE_HORIZON, signed_windows
-from validation.experiment.sources import open_source, unknown_robot_notes
-from validation.files.formats import log_path, profile_of_log, read_log
-from validation.files.inspection import Inspected
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
+from validation.experiment.sources import Source, source_of, unknown_robot_notes
+from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
+from validation.files.formats import AnyLog, log_name, profile_of_log
+from validation.files.inspection import Inspected, open_log
+from validation.files.log import Log, LogFault, ReadOptions
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify.beginning import FIRST_FITTED
-from validation.identify.targets import Input, Span, split_ground
+from validation.identify.targets import Input, distinct_names, file_of, split_ground, without_ground
 from validation.output import Progress, file_name, one_line, said_once
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import OF_A_LOG, make_space
@@ -66,20 +67,16 @@ _TRAINED = 2.0 / 3.0
 # share of time without a command in which wheels may turn [1]; beyond it commands say little
 _UNCOMMANDED = 0.05
 _DRIVER = (
-    "command_radius",
-    "command_half_track",
-    "delay",
-    "acceleration_v",
-    "acceleration_w",
-    "wheel_lag",
+    *("command_radius", "command_half_track", "delay"),
+    *("acceleration_v", "acceleration_w", "wheel_lag"),
 )
 
 
 @dataclass(frozen=True)
-class Calibrate(cli.Common, cli.LogReading):
+class Calibrate(cli.Common, ReadOptions):
     """Options of `calibrate`."""
 
-    logs: tyro.conf.Positional[Sequence[str | Path]]
+    logs: tyro.conf.Positional[Sequence[AnyLog]]
     """Logs of the robot with poses, and with wheel rates, commands or both. Several are one body,
     each with a localiser of its own; LOG@GROUND shares friction and rolling resistance among the
     logs of a ground."""
@@ -90,7 +87,7 @@ class Calibrate(cli.Common, cli.LogReading):
     the logs tell; if not given, the robot's own numbers, or husky-tile for a Husky."""
     plants: tuple[str, ...] = (FIRST_FITTED, "mujoco")
     """Plants to calibrate, separated by commas; kinematic is always among them."""
-    held_out: str | Path | None = None
+    held_out: AnyLog | None = None
     """Log to judge on, with the mean localiser of the others, which are fitted as a whole. The last
     third of each log if not given."""
     trust: bool = False
@@ -98,7 +95,7 @@ class Calibrate(cli.Common, cli.LogReading):
 
     def __post_init__(self) -> None:
         """Take a single log for a list of one, and check the options."""
-        if isinstance(self.logs, str | Path):
+        if not isinstance(self.logs, tuple | list):
             object.__setattr__(self, "logs", (self.logs,))
         super().__post_init__()
         if not self.logs:
@@ -111,7 +108,7 @@ class Calibrate(cli.Common, cli.LogReading):
     @property
     def names(self) -> tuple[str, ...]:
         """The logs as the user named them."""
-        return tuple(map(str, self.logs))
+        return tuple(map(log_name, self.logs))
 
     @property
     def label(self) -> str:
@@ -403,63 +400,54 @@ def calibrate(o: Calibrate) -> Calibrated:
     if unknown := [name for name in o.plants if name not in PLANTS]:
         raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
     profile = choose_profile(o.profile, o.robot, profile_of_log(o.names[0]))
-    read = o.reading(profile.robot.wheel_radius)
+    robot = profile.robot
+    open_one = partial(open_log, options=o, radius=robot.wheel_radius)
+    names = distinct_names("calibrate", o.logs)
+    opened = dict(zip(names, map(open_one, map(without_ground, o.logs)), strict=True))
+    held = dict[str, Inspected]()
+    if o.held_out is not None:
+        name = log_name(o.held_out)
+        if file_of(name) in map(file_of, names):
+            raise ValueError(f"{name} is fitted to as a whole; it cannot be held out as well")
+        held[name] = open_one(without_ground(o.held_out))
     notes: list[str] = []
     faults: list[LogFault] = []
     inputs: list[Input] = ["wheels", "commands"]
-    spans: dict[str, Span] = {}
-    judged = []
-    for name in o.names:
-        log = read_log(log_path(split_ground(name)[0]), read)
-        inspected = Inspected(log, read.radius)
-        found = inspected.faults
+    for inspected in opened.values():
         own, own_notes = _inputs(o, inspected)
         inputs = [each for each in inputs if each in own]
-        faults += found.named
-        notes += [f"{log.name}: {fault.sentence}." for fault in found.named]
-        notes += [f"{log.name}: {note}" for note in own_notes]
-        common = log.on_one_clock()
-        spans[name] = (None, None)
-        if o.held_out is None:
-            length = float(common.t[-1] - common.t[0])
-            spans[name] = (None, float(common.t[0] + _TRAINED * length))
-        judged.append(common)
+        found = inspected.faults.named
+        faults += found
+        sentences = [*(f"{fault.sentence}." for fault in found), *own_notes]
+        notes += [f"{inspected.log.name}: {sentence}" for sentence in sentences]
     if not inputs:
         raise ValueError("no input, wheel rates or commands, is in all logs")
+    kinds: dict[Input, CommandKind] = {"wheels": "wheels", "commands": "twist"}
+    sources = {each: _divided(opened, held, kinds[each]) for each in inputs}
     if o.profile is None and o.robot is None:
-        kind: CommandKind = "wheels" if inputs[0] == "wheels" else "twist"
-        source = open_source(split_ground(o.names[0])[0], kind, options=read)
-        unknown = unknown_robot_notes(source, profile.robot)
+        first = next(iter(opened))
+        whole = source_of(opened[first], split_ground(first)[0], kinds[inputs[0]])
+        unknown = unknown_robot_notes(whole, robot)
         for warning in unknown[1:]:
             cli.warn(warning)
         notes += unknown
-    if o.held_out is not None:
-        judged = [read_log(log_path(split_ground(str(o.held_out))[0]), read).on_one_clock()]
-    fits = _fits(o, profile, inputs, spans, _usual_way(judged))
-    robot = profile.robot
-    _, begin = spans[o.names[0]]
+    judging = held or opened
+    way = _usual_way([each.common for each in judging.values()])
+    fits = _fits(o, profile, sources, way)
+    unseen = sources[inputs[0]][1][0]
     kept = compare(
-        split_ground(str(o.held_out or o.names[0]))[0],
+        replace(unseen, name=split_ground(unseen.name)[0]),
         fits[-1].profile,
         tuple(dict.fromkeys(f.model for f in fits)),
         input=inputs[0],
-        since=begin,
         bands=True,
         seed=o.seed,
-        topics=o.topics,
-        columns=o.columns,
-        ticks_per_turn=o.ticks_per_turn,
-        limits=o.limits,
     )
     with_logs = ", ".join(Path(name).name for name in o.names)
     return Calibrated(
         kept=kept,
         title=one_line(f"{robot.title or robot.name}, calibrated with {with_logs}"),
-        options={
-            "plants": o.plants,
-            "held_out": None if o.held_out is None else str(o.held_out),
-            "trust": o.trust,
-        },
+        options={"plants": o.plants, "held_out": next(iter(held), None), "trust": o.trust},
         status=fits[-1].status,
         asked=o,
         seed=o.seed,
@@ -469,23 +457,37 @@ def calibrate(o: Calibrate) -> Calibrated:
     )
 
 
+_Divided = tuple[list[Source], tuple[Source, ...]]
+"""The sources that fits see, and those that judge them."""
+
+
+def _divided(
+    opened: Mapping[str, Inspected], held: Mapping[str, Inspected], kind: CommandKind
+) -> _Divided:
+    """Return the logs as sources: to fit to, and the one that is held out, or the ends of all."""
+    train = []
+    judges = [source_of(inspected, name, kind) for name, inspected in held.items()]
+    for name, inspected in opened.items():
+        t = inspected.common.t
+        end = None if held else float(t[0] + _TRAINED * float(t[-1] - t[0]))
+        train.append(source_of(inspected, name, kind, (None, end)))
+        if not held:
+            judges.append(source_of(inspected, name, kind, (end, None)))
+    return train, tuple(judges)
+
+
 def _fits(
-    o: Calibrate,
-    profile: Profile,
-    inputs: Sequence[Input],
-    spans: Mapping[str, Span],
-    way: float,
+    o: Calibrate, profile: Profile, sources: Mapping[Input, _Divided], way: float
 ) -> list[Fitted]:
     """Return the fits, each begun with the profile of the one before.
 
     A fit that ends at a bound of a size or a delay is tried once more with wider ones. The last one
-    may have been interrupted. `spans` are the parts of the logs that are fitted to, and `way` is
-    that of the robot in 6 s [m].
+    may have been interrupted. `way` is that of the robot in 6 s [m].
     """
     fits: list[Fitted] = []
     track = profile.robot.track
     others = [plant for plant in o.plants if plant != FIRST_FITTED]
-    plans = list(product([FIRST_FITTED, *others], inputs))
+    plans = list(product([FIRST_FITTED, *others], sources))
     for k, (plant, kind) in enumerate(plans):
 
         def show(now: Progress, k: int = k, lead: str = f"{plant} by {kind}") -> None:
@@ -493,7 +495,7 @@ def _fits(
             o.progress(Progress(k + share, len(plans), f"{lead}: {now.text}"))
 
         settings: dict[str, Any] = {}
-        if kind == "commands" and len(inputs) == 2:
+        if kind == "commands" and len(sources) == 2:
             settings = {
                 "free": _DRIVER,
                 "fix": _of_logs(fits[-1]) if fits[-1].better else {},
@@ -504,30 +506,27 @@ def _fits(
             settings["search"] = "lsq"
             if "free" in settings:
                 settings["guess"] = within_bounds(fits[1], plant, settings["bounds"])
+        train, judges = sources[kind]
         options = Fit(
             plant,
-            o.names,
+            train,
             profile,
             input=kind,
-            held_out=o.names if o.held_out is None else (str(o.held_out),),
+            held_out=judges,
             seed=o.seed,
             workers=o.workers,
             progress=show,
-            topics=o.topics,
-            columns=o.columns,
-            ticks_per_turn=o.ticks_per_turn,
-            limits=o.limits,
             **settings,
         )
         # the report names the log's faults once
-        done = run_fit(options, lambda warning: None, spans)
+        done = run_fit(options, lambda warning: None)
         if not any(scores.windows for scores in done.held_out.values()):
             raise ValueError(
                 f"{', '.join(o.names)}: nothing is left to judge on; name a log with --held-out"
             )
         if wider := _wider(done):
             options = replace(options, bounds={**options.bounds, **wider})
-            done = run_fit(options, lambda warning: None, spans)
+            done = run_fit(options, lambda warning: None)
             names = ", ".join(wider)
             moved = f"{names} hit a bound, which was moved once, and the fit repeated"
             done = replace(done, remarks=[*done.remarks, moved])

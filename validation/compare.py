@@ -34,15 +34,17 @@ from validation.experiment.scores import (
 )
 from validation.experiment.sources import (
     RECORDING,
+    AnySource,
     Piece,
     Source,
     driver_warnings,
     open_source,
+    source_name,
     unknown_robot_notes,
 )
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
-from validation.files.log import DataFrame
+from validation.files.log import ReadOptions
 from validation.output import file_name, one_line
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants, plant_kind
@@ -56,10 +58,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Compare(cli.Filmed, cli.LogReading):
+class Compare(cli.Filmed, ReadOptions):
     """Options of `compare`."""
 
-    source: tyro.conf.Positional[str | Path | DataFrame | Source]
+    source: tyro.conf.Positional[AnySource]
     """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, the path of a
     recording, or one that is shipped: sample (simulated), husky or warthog (real)."""
     profile: cli.AnyProfile = None
@@ -101,7 +103,7 @@ class Compare(cli.Filmed, cli.LogReading):
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
-        name = Path(str(self.source)).stem
+        name = Path(source_name(self.source)).stem
         if self.terrain != FLAT:
             name += "-" + self.terrain.spec.replace(":", "-")
         return Path("runs") / "compare" / file_name(name)
@@ -208,25 +210,15 @@ def _adapted(
 
 def _opened(o: Compare) -> tuple[Profile, Source]:
     """Return the profile, and what drives the plants."""
-    source = o.source
-    name = source.name if isinstance(source, Source) else ""
-    if isinstance(source, str | Path):
-        name = str(source)
+    name = source_name(o.source)
     is_trajectory = name.partition("@")[0] in TRAJECTORIES
     default = "thesis-lab" if is_trajectory else profile_of_log(name)
     profile = choose_profile(o.profile, o.robot, default)
-    if isinstance(source, Source):
-        if o.since is not None or o.until is not None:
-            raise ValueError(
-                "since and until cut a recording that is given by its path; cut yours before"
-            )
-        return profile, source
     radius = None
     if o.profile is not None or o.robot is not None:
         radius = profile.robot.wheel_radius
     kind: CommandKind = "wheels" if o.input == "wheels" else "twist"
-    reading = o.reading(radius)
-    return profile, open_source(source, kind, o.since, o.until, reading)
+    return profile, open_source(o.source, kind, o.since, o.until, o, radius)
 
 
 def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> dict[str, Plant]:

@@ -32,9 +32,16 @@ from validation.experiment.scores import (
     pace_of,
     standing_sentences,
 )
-from validation.experiment.sources import Piece, Source, unknown_robot_notes
+from validation.experiment.sources import (
+    AnySource,
+    Piece,
+    Source,
+    source_name,
+    unknown_robot_notes,
+)
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
+from validation.files.log import ReadOptions
 from validation.identify.beginning import FIRST_FITTED, begin_at, first_points, untold
 from validation.identify.currents import with_torques
 from validation.identify.judging import (
@@ -67,7 +74,6 @@ from validation.identify.targets import (
     HORIZONS,
     MOST_TIME,
     Input,
-    Span,
     is_scenario,
     open_sources,
     score_pieces,
@@ -96,13 +102,13 @@ _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")
 
 
 @dataclass(frozen=True)
-class Fit(Searching, cli.LogReading):
+class Fit(Searching, ReadOptions):
     """Options of `fit`."""
 
     model: tyro.conf.Positional[str]
     """Plant to fit: improved, coulomb, linear, kinematic, four_wheel, mujoco, or the one that
     --model adds."""
-    to: str | Path | Sequence[str | Path]
+    to: AnySource | Sequence[AnySource]
     """Sources of the data, separated by commas: traj4@mujoco for how that plant drives traj4, or
     paths of recordings. Several are one body, each with a localiser of its own; LOG@GROUND shares
     friction and rolling resistance among the logs of a ground."""
@@ -118,7 +124,7 @@ class Fit(Searching, cli.LogReading):
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
-    held_out: tuple[str, ...] = ()
+    held_out: tuple[AnySource, ...] = ()
     """Sources to test on, separated by commas. A fitted recording stands for its parts outside
     --from and --until."""
     even_if_worse: bool = False
@@ -167,17 +173,18 @@ class Fit(Searching, cli.LogReading):
         return Path("runs") / "fit" / file_name(f"{self.model}-{Path(first).stem}")
 
     @property
+    def sources(self) -> list[AnySource]:
+        """The sources that it is fitted to, as the user gave them."""
+        given = self.to
+        if isinstance(given, str) and not Path(given).exists():
+            given = tuple(part.strip() for part in given.split(","))
+        parts = given if isinstance(given, tuple) else (given,)
+        return [part for part in parts if part != ""]
+
+    @property
     def names(self) -> list[str]:
-        """The sources that it is fitted to, as the user named them."""
-        if isinstance(self.to, Path):
-            return [str(self.to)]
-        if isinstance(self.to, str):
-            if Path(self.to).exists():
-                return [self.to]
-            parts = self.to.split(",")
-        else:
-            parts = list(map(str, self.to))
-        return [part.strip() for part in parts if part.strip()]
+        """The names of these sources."""
+        return list(map(source_name, self.sources))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -409,14 +416,8 @@ def _searched(o: Fit, names: Sequence[str], tags: Mapping[str, Sequence[str]]) -
     return [name for name in split if name not in o.fix]
 
 
-def run_fit(
-    o: Fit, warn: Callable[[str], object], spans: Mapping[str, Span] | None = None
-) -> Fitted:
-    """Return the report of `fit`; `warn` is called with what is wrong with its sources or it.
-
-    `spans` are the parts of the recordings by name that are fitted to, where they are not those of
-    the options.
-    """
+def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
+    """Return the report of `fit`; `warn` is called with what is wrong with its sources or it."""
     add_user_model(o.own_model)
     occasion = _occasion_of(o)
     kind = plant_kind(o.model)
@@ -426,7 +427,7 @@ def run_fit(
     held = {name: value for name, value in o.fix.items() if "@" in name}
     fixed = {name: value for name, value in o.fix.items() if name not in held}
     begun = with_values(o.model, base.section(o.model), list(fixed), fixed.values())
-    tags = tags_of(o.names, o.held_out)
+    tags = tags_of(o.names, list(map(source_name, o.held_out)))
     searched = _searched(o, kind.free[occasion] if o.free is None else o.free, tags)
     space = make_space(o.model, searched, o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
@@ -434,13 +435,11 @@ def run_fit(
     if o.guess is not None or o.search == "lsq" or occasion != "scenario":
         start = first_points(o.guess, space, before)
     radius = None if is_default else base.robot.wheel_radius
-    read = o.reading(radius)
-    sources, held_out = open_sources(
-        o.names, base, o.held_out, o.input, span=spans or (o.since, o.until), options=read
-    )
-    for source in (*sources, *held_out):
-        for warning in source.warnings:
-            warn(warning)
+    span = (o.since, o.until)
+    opened = open_sources(o.sources, base, o.held_out, o.input, span, options=o, radius=radius)
+    for warning in dict.fromkeys(chain(*(source.warnings for source in chain(*opened)))):
+        warn(warning)
+    sources, held_out = opened
     yaw_weight = o.yaw_weight
     if yaw_weight is None:
         yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
@@ -470,7 +469,7 @@ def run_fit(
     settings = o.settings(JAGGED if jagged else SETTINGS[o.search, simulated])
     search = search_for(problem, settings, o, start, STARTS_OF[o.search])
     if begins and (friction := untold(problem, search, o)):
-        return _held(o, friction, space, search.best, spans, warn)
+        return _held(o, friction, space, search.best, opened, warn)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
     report = _report(o, problem, base, search, before, held_out)
@@ -484,23 +483,28 @@ def _held(
     friction: Mapping[str, float],
     space: ParameterSpace,
     point: FloatArray,
-    spans: Mapping[str, Span] | None,
+    opened: tuple[list[Source], list[Source]],
     warn: Callable[[str], object],
 ) -> Fitted:
     """Return the report of a fit that goes on from an (n,) point with a friction that is held."""
     guess = dict(zip(space.names, space.values(point).tolist(), strict=True))
     again = replace(
         o,
+        to=opened[0],
+        held_out=tuple(opened[1]),
+        since=None,
+        until=None,
         fix={**o.fix, **friction},
         guess={name: value for name, value in guess.items() if name not in friction},
         search="lsq",
         out=None,
         resume=False,
     )
-    report = run_fit(again, lambda warning: None, spans)
+    report = run_fit(again, lambda warning: None)
     reason = "neither currents nor the speed of this motion tell it."
     notes = [f"{name} is held at {value:.3g}: {reason}" for name, value in friction.items()]
-    options = {**report.options, "search": o.search, "guess": o.guess}
+    was = {name: getattr(o, name) for name in ("search", "guess", "since", "until")}
+    options = {**report.options, **was}
     report = replace(report, asked=o, options=options, remarks=[*notes, *report.remarks])
     for sentence in report.worse:
         warn(sentence)
@@ -544,6 +548,7 @@ def _report(
     unfitted, judged, together, undriven = held_out_scores(problem, point, held_out)
     notes += undriven
     options = o.chosen(search.jde.settings)
+    options["held_out"] = tuple(map(source_name, o.held_out))
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
     pieces = list[Piece]()

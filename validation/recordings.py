@@ -24,9 +24,16 @@ import tyro
 from ssmr.types import FloatArray
 from validation import cli
 from validation.descriptions.loading import load_robot
-from validation.files.formats import check_apart, format_of_target, read_log, write_log
-from validation.files.inspection import REST_LEAST, Inspected, unbiased
-from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Log
+from validation.files.columns import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, as_option
+from validation.files.formats import (
+    AnyLog,
+    check_apart,
+    format_of_target,
+    log_name,
+    write_log,
+)
+from validation.files.inspection import REST_LEAST, Inspected, open_log, unbiased
+from validation.files.log import Log, ReadOptions
 from validation.files.offsets import Offset, synchronised
 from validation.files.reading import FileError, exists, read_file
 from validation.files.sensors import Signals
@@ -46,10 +53,10 @@ _MOST_OURS = 1 << 26
 
 
 @dataclass(frozen=True)
-class LogOptions(cli.LogReading):
+class LogOptions(cli.Options, ReadOptions):
     """Options by which a log is opened, whatever is done with it."""
 
-    source: tyro.conf.Positional[str | Path]
+    source: tyro.conf.Positional[AnyLog]
     """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a shipped one: sample,
     husky or warthog."""
     _: KW_ONLY
@@ -72,8 +79,17 @@ class LogOptions(cli.LogReading):
 
     def opened(self) -> Inspected:
         """Return the log, to be looked at."""
-        radius = self.radius
-        return Inspected(read_log(self.source, self.reading(radius)), radius)
+        return open_log(self.source, self, self.radius)
+
+    def words(self) -> str:
+        """Return the log and how it is read, as a command line has them."""
+        topics = ",".join(f"{role}={topic}" for role, topic in self.topics.items())
+        said = {"topics": topics, "columns": as_option(self.columns)}
+        if self.ticks_per_turn:
+            said["ticks-per-turn"] = f"{self.ticks_per_turn:g}"
+        words = [shlex.quote(log_name(self.source))]
+        words += [f"--{name} {shlex.quote(text)}" for name, text in said.items() if text]
+        return " ".join(words)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,7 +329,7 @@ def convert(o: Convert) -> LogReport:
 
 def _next_step(o: LogOptions, found: Inspected) -> str:
     log = found.log
-    path = shlex.quote(str(o.source)) + o.words()
+    path = o.words()
     name = getattr(o.robot, "name", o.robot) or "ROBOT"
     if any(fault.kind == "circular" for fault in found.unsolved):
         return "next: take the pose of a localiser, by --topics pose=/NAME or --columns"
@@ -452,10 +468,11 @@ def _command(
     def main(o: Any) -> None:
         named = o.json if option == "--json" else o.out
         target = named
+        source = log_name(o.source)
         if target is None and ending:
-            target = Path("runs") / "recordings" / (file_name(Path(o.source).stem) + ending)
+            target = Path("runs") / "recordings" / (file_name(Path(source).stem) + ending)
         if named is not None:
-            check_apart(named, o.source)
+            check_apart(named, source)
             _require_free(named, o.overwrite)
             cli.require_writable(named.parent)
         info: LogReport = program.run(o)

@@ -14,7 +14,6 @@ from validation.cli.process import read_as as read_as
 from validation.cli.process import run as run
 from validation.cli.program import Common as Common
 from validation.cli.program import Filmed as Filmed
-from validation.cli.program import LogReading as LogReading
 from validation.cli.program import Program as Program
 from validation.cli.program import program as program
 from validation.cli.program import report_console as report_console

@@ -1,7 +1,7 @@
 """The options of a program: the fields of a frozen dataclass, given in Python or as texts.
 
 The docstrings below the fields are the help. tyro reads whole numbers, numbers, choices and flags;
-the other types, and how their texts are read, are in `_TEXTS`.
+the other types, and how their texts are read, are in `_TEXTS`; a tuple of texts has commas.
 """
 
 from __future__ import annotations
@@ -33,7 +33,6 @@ from tyro.constructors import (
 )
 
 from validation.files.limits import USUAL, LogLimits
-from validation.files.log import Log
 from validation.output import one_line, shortened
 from validation.plants.profile import Profile
 from validation.simulator.description import Robot
@@ -88,7 +87,7 @@ def _admitted(value: Any, kind: Any) -> Any:
                 return value
             if member is Path:
                 return Path(value)
-            if member in _TEXTS:
+            if _form_of(member) is not None:
                 return _read(member, value)
     return value
 
@@ -164,8 +163,6 @@ def _column(text: str) -> tuple[str, str]:
 
 
 _TEXTS: Mapping[Any, tuple[str, Callable[[str], Any]]] = {
-    tuple[str, ...]: ("A,B,...", _parts),
-    tuple[str | Log, ...]: ("PATH,...", _parts),
     tuple[float, ...]: ("X,Y,...", _numbers),
     tuple[float, float, float]: ("X,Y,YAW", _numbers),
     Mapping[str, float]: ("NAME=X,...", _pairs(float)),
@@ -178,9 +175,16 @@ _TEXTS: Mapping[Any, tuple[str, Callable[[str], Any]]] = {
 """Form of the text of each type, and the function that reads it."""
 
 
+def _form_of(kind: Any) -> tuple[str, Callable[[str], Any]] | None:
+    """Return the form of the text of a type, and the function that reads it; None without one."""
+    if typing.get_origin(kind) is tuple and str in _members(typing.get_args(kind)[0]):
+        return "A,B,...", _parts
+    return _TEXTS.get(kind)
+
+
 def _read(kind: Any, text: str) -> Any:
     """Return the value of a text; a ValueError says which form it must have."""
-    form, read = _TEXTS[kind]
+    form, read = _form_of(kind) or ("", str)
     try:
         return read(text)
     except ValueError as error:
@@ -213,9 +217,9 @@ def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     members = _members(kind)
     read: Callable[[str], Any] = str
     form = "NAME|PATH" if Path in members else "NAME"
-    if kind in _TEXTS:
+    if known := _form_of(kind):
         read = partial(_read, kind)
-        form = _TEXTS[kind][0]
+        form = known[0]
     elif len(members) == 1 or str not in members:
         return None
     return PrimitiveConstructorSpec(

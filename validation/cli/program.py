@@ -8,10 +8,9 @@ from __future__ import annotations
 import contextlib
 import inspect
 import os
-import shlex
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Generic, ParamSpec, TypeVar
@@ -26,9 +25,6 @@ from validation import output
 from validation.cli.config import config_of, options_in, read_result
 from validation.cli.options import Options, kinds_of, meanings_of, words_of
 from validation.cli.process import run, say
-from validation.files.limits import USUAL, LogLimits
-from validation.files.log import ReadOptions
-from validation.files.names import as_option
 from validation.files.reading import opened
 from validation.output import one_line, visible
 from validation.report.report import INTERRUPTED, Report
@@ -103,37 +99,6 @@ class Filmed(Common):
     """Open the recording in the rerun viewer afterwards."""
     no_rerun: bool = False
     """Do not write the rerun recording (.rrd)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LogReading(Options):
-    """Options of a program that reads logs."""
-
-    topics: Mapping[str, str] = field(default_factory=dict)
-    """Topic of each role, such as cmd=/cmd_vel,pose=/tf:map.base_link,gps=none; guessed from types,
-    names and motions if not given. Roles are cmd, odom, wheels, imu, pose and gps."""
-    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Columns of a CSV file with other names or units:
-    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s, a mean as enc_left=fl+rl, yaw=qx+qy+qz+qw,
-    and positions of wheels as enc_left=ticks_l:ticks; of a bag, the joints of each side."""
-    ticks_per_turn: float | None = None
-    """Ticks of an encoder in a turn of its wheel, for columns in ticks."""
-    limits: LogLimits = USUAL
-    """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
-
-    def reading(self, radius: float | None) -> ReadOptions:
-        """Return how a log is read; `radius` is that of the wheels [m], None if it is unknown."""
-        return ReadOptions(
-            self.topics, self.limits, self.columns, radius, ticks_per_turn=self.ticks_per_turn
-        )
-
-    def words(self) -> str:
-        """Return the options that say what is what in a log, as a command line has them."""
-        topics = ",".join(f"{role}={topic}" for role, topic in self.topics.items())
-        said = {"topics": topics, "columns": as_option(self.columns)}
-        if self.ticks_per_turn:
-            said["ticks-per-turn"] = f"{self.ticks_per_turn:g}"
-        return "".join(f" --{name} {shlex.quote(text)}" for name, text in said.items() if text)
 
 
 class _Words(str):

@@ -132,8 +132,10 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
 def with_gyro(source: Source) -> Source:
     """Return a source with the headings of its gyro, where this is the first judge of them.
 
-    They are as late as its own; a remark says why.
+    They are as late as its own; a remark says why. A source that has them stays as it is.
     """
+    if any(piece.headings is not None for piece in source.pieces):
+        return source
     judge = find_gyro_judge(source)
     if judge is None or not judge.first:
         return source

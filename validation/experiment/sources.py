@@ -23,23 +23,25 @@ from ssmr.types import (
     Trajectory,
 )
 from validation.descriptions.loading import load_robot
-from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
+from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
+from validation.files.formats import (
+    SHIPPED_LOGS,
+    AnyLog,
+    is_log,
+    log_name,
+    log_path,
+    readable,
+)
 from validation.files.inspection import (
     LEAST_COMMAND,
     WHEELS_MEAN_S,
     WHEELS_TURN,
     Inspected,
+    open_log,
     too_short,
 )
-from validation.files.log import (
-    COMMAND_COLUMNS,
-    PLAIN,
-    POSE_COLUMNS,
-    DataFrame,
-    Group,
-    Log,
-    ReadOptions,
-)
+from validation.files.log import PLAIN, Group, ReadOptions
+from validation.files.motion import ENCODERS, ODOMETRY
 from validation.files.reading import exists
 from validation.files.signals import (
     TIME_ROUNDOFF,
@@ -67,6 +69,8 @@ slopes are taken [s]."""
 WindowCut = Callable[[FloatArray, float, BoolArray | None], tuple[IndexArray, IndexArray]]
 """Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of
 windows."""
+Span = tuple[float | None, float | None]
+"""Part of a log between two times [s]; None for its first or its last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,50 +158,54 @@ class Source:
 
 
 # ------------------------------------------------------------------------------------------ opening
+AnySource = AnyLog | Source
+"""A source: the name of a scenario, a log, or a source itself."""
+
+
+def source_name(given: AnySource) -> str:
+    """Return the name of a source as its user gave it, see `log_name`."""
+    return given.name if isinstance(given, Source) else log_name(given)
+
+
 def open_source(
-    given: str | Path | DataFrame,
+    given: AnySource,
     kind: CommandKind = "twist",
     start: float | None = None,
     stop: float | None = None,
     options: ReadOptions = PLAIN,
+    radius: float | None = None,
 ) -> Source:
-    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log.
+    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log; a source stays as it is.
 
-    A log is given by its path, or the name of a shipped one, or is a frame of pandas with the
-    columns of a CSV file. `kind` says which of its inputs drives the plants; samples before `start`
-    or after `stop` [s] are left out; `options` say how it is read.
+    A log is given by its path or the name of a shipped one, as a frame of pandas with the columns
+    of a CSV file, or as a `Log`. `kind` says which of its inputs drives the plants; samples before
+    `start` or after `stop` [s] are left out; `options` say how it is read, and `radius` is that of
+    the robot's wheels [m], where it is known.
 
     Raises:
-        ValueError: an unknown name, a log that cannot be read or lacks the inputs or the pose.
+        ValueError: an unknown name, a log that cannot be read or lacks the inputs or the pose, or a
+            time span of something else than a log.
     """
-    if isinstance(given, str | Path):
-        name = str(given)
-        if name.partition("@")[0] in TRAJECTORIES:
-            return _open_scenario(name, kind, start, stop)
-        path = log_path(name)
-        if not exists(path) and not is_log(path):
-            scenarios = f"{', '.join(TRAJECTORIES)}, each also as NAME@PLANT"
-            raise ValueError(
-                f"no source '{name}'; there are: {scenarios}, "
-                f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
-            )
-    log = read_log(given, options)
-    name = str(given) if isinstance(given, str | Path) else log.name
-    log = log.on_one_clock().cut(start, stop)
-    limits = options.limits
-    periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID
-    if periods > limits.samples:
+    name = source_name(given)
+    is_path = isinstance(given, str | Path)
+    is_scenario = is_path and name.partition("@")[0] in TRAJECTORIES
+    if (is_scenario or isinstance(given, Source)) and (start is not None or stop is not None):
+        what = "a scenario" if is_scenario else "a source already: cut its log"
+        raise ValueError(f"a time span cuts recordings; {name} is {what}")
+    if isinstance(given, Source):
+        return given
+    if is_scenario:
+        return _open_scenario(name, kind)
+    if is_path and not exists(log_path(name)) and not is_log(log_path(name)):
+        scenarios = f"{', '.join(TRAJECTORIES)}, each also as NAME@PLANT"
         raise ValueError(
-            f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, "
-            f"but {limits.says('samples')}; cut it"
+            f"no source '{name}'; there are: {scenarios}, "
+            f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
         )
-    title = log.name
-    if start is not None or stop is not None:
-        title += f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
-    return source_of(log, name, kind, title, options.radius)
+    return source_of(open_log(given, options, radius), name, kind, (start, stop))
 
 
-def _open_scenario(name: str, kind: CommandKind, start: float | None, stop: float | None) -> Source:
+def _open_scenario(name: str, kind: CommandKind) -> Source:
     """Open a scenario; the arguments are those of `open_source`."""
     scenario, _, plant = name.partition("@")
     if plant and not is_plant(plant):
@@ -207,39 +215,25 @@ def _open_scenario(name: str, kind: CommandKind, start: float | None, stop: floa
             f"{name} is a scenario and has no measured wheel rates; "
             "input by wheels needs a recording"
         )
-    if start is not None or stop is not None:
-        raise ValueError(f"a time span cuts recordings; {name} is a scenario")
     piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
     return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
 
 
 def source_of(
-    log: Log,
-    name: str,
-    kind: CommandKind = "twist",
-    title: str | None = None,
-    radius: float | None = None,
+    inspected: Inspected, name: str, kind: CommandKind = "twist", span: Span = (None, None)
 ) -> Source:
-    """Return a log on one clock as a motion to compare plants on.
+    """Return a log, or a part of it, as a motion to compare plants on.
 
     Where the log has no commands, the speeds of its odometry stand for them, and a warning says so.
-    `name` is the one that the user gave it, `title` its name in sentences, the log's own if not
-    given; `kind` says which of its inputs drives the plants. `radius` is that of the wheels [m],
-    where it is known.
+    `name` is the one that the user gave it; `kind` says which of its inputs drives the plants, and
+    `span` which part of it they drive along.
 
     Raises:
-        ValueError: it lacks the inputs or the pose.
+        ValueError: it lacks the inputs or the pose, or nothing was logged in the span.
     """
-    inspected = Inspected(log, radius)
-    faults = inspected.faults
+    log = inspected.common.cut(*span)
     names = COMMAND_COLUMNS[kind]
-    sentences = list[str]()
-    if kind == "twist" and not log.has(names) and log.has(("odom_v", "odom_w")):
-        names = ("odom_v", "odom_w")
-        sentences.append(
-            "no commands were recorded, "
-            "so the odometry's speeds, odom_v and odom_w, drive the plants instead"
-        )
+    sentences = inspected.faults.sentences()
     if not log.has(POSE_COLUMNS):
         lack = [column for column in POSE_COLUMNS if not log.has([column])]
         what = f"log {log.name} has no column {', '.join(lack)}"
@@ -247,52 +241,77 @@ def source_of(
             f"{what}, the pose by which predictions are judged; "
             "`recordings info` says what its gyro and wheels tell without"
         )
-    inputs = log.table(names)
+    title = log.name
+    if span != (None, None):
+        title += f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
+    if kind == "twist" and not log.has(names) and log.has(ODOMETRY):
+        names = ODOMETRY
+        sentences.append(
+            "no commands were recorded, "
+            "so the odometry's speeds, odom_v and odom_w, drive the plants instead"
+        )
+    periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID
+    if periods > log.limits.samples:
+        raise ValueError(
+            f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, "
+            f"but {log.limits.says('samples')}; cut it"
+        )
     pose = log.table(POSE_COLUMNS)
     gyro = log.columns.get("gyro_z")
-    sides = COMMAND_COLUMNS["wheels"]
+    moves = np.abs(log.table(names)).max(axis=1) > LEAST_COMMAND
     wheels = np.zeros((len(pose), 2))
-    fresh = fresh_poses(log.t, pose)
-    moves = np.abs(inputs).max(axis=1) > LEAST_COMMAND
-    if log.has(sides):
-        wheels = log.table(sides)
+    if log.has(ENCODERS):
+        wheels = log.table(ENCODERS)
         means = [moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]
         moves = np.abs(means).max(axis=0) > WHEELS_TURN
     motors = {key: log.table(pair) for key, pair in MOTOR_COLUMNS.items() if log.has(pair)}
-    jumps = np.empty(0, dtype=np.intp)
-    on_time = fresh
-    if faults.jumps is not None:
-        jumps = faults.jumps.index
-        on_time = fresh & ~faults.jumps.late
-    group = log.own_group(names[0])
+    fresh = fresh_poses(log.t, pose)
+    on_time, jumps = _sound_poses(inspected, log.t)
+    group = inspected.log.group_of(names)
+    assert group is not None
     pieces = []
     for s in log.stretches():
         t = log.t[s]
         stamps, samples = _samples_within(group, names, t)
         commands = commands_on_grid(stamps, samples, kind, RECORDING_GRID, t)
-        # the delay lines are filled with the first command: nobody knows the ones before
-        first, second = map(float, commands.values[0])
         turning = None if gyro is None else gyro[s]
         motion = _recorded_motion(t, pose[s], fresh[s], wheels[s], turning)
         channels = {key: table[s] for key, table in motors.items()}
         inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
         piece = Piece(
-            commands=replace(commands, before=(first, second)),
+            # the delay lines are filled with the first command: nobody knows the ones before
+            commands=replace(commands, before=tuple(commands.values[0].tolist())),
             start=_initial_state(t, pose[s], fresh[s], wheels[s][0]),
             t=t,
             reference=replace(motion, channels=channels),
-            fresh=on_time[s],
+            fresh=(fresh & on_time)[s],
             jumps=tuple(inside.tolist()),
             moves=moves[s],
         )
         pieces.append(piece)
-    title = title or log.name
-    short = too_short(log.own_group("x"))
-    sentences = [*faults.sentences(), *[short] * bool(short), *sentences]
-    warnings = tuple(one_line(f"{title}: {sentence}") for sentence in sentences)
+    sentences += too_short(max(float(np.ptp(log.t[s])) for s in log.stretches()))
+    warnings = tuple(one_line(f"{log.name}: {sentence}") for sentence in sentences)
     return Source(
         name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title=title, inspected=inspected
     )
+
+
+def _sound_poses(inspected: Inspected, t: FloatArray) -> tuple[BoolArray, IndexArray]:
+    """Return (N,) where poses at instants `t` [s] are neither late nor between those of a jump.
+
+    Second are the indices of the first instants after the jumps.
+    """
+    jumps = inspected.signals.jumps
+    poses = inspected.signals.poses
+    sound = np.ones(len(t), dtype=bool)
+    if jumps is None or poses is None:
+        return sound, np.empty(0, dtype=np.intp)
+    # what lies between two poses of the log was made of the later one as well
+    stamps = poses.group.t
+    sound &= ~jumps.late[np.minimum(np.searchsorted(stamps, t), len(stamps) - 1)]
+    begun = np.searchsorted(jumps.since, t, side="left")
+    ended = np.searchsorted(jumps.t, t, side="right")
+    return sound & (begun == ended), np.searchsorted(t, jumps.t)
 
 
 def _samples_within(

@@ -18,8 +18,8 @@ import numpy as np
 from ssmr.control.references import circle, eight, line, sine, spiral, square, stop_and_go, u_turn
 from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
+from validation.files.columns import Column
 from validation.files.csv_logs import CsvTable, read_csv_table
-from validation.files.log import Column
 from validation.files.reading import FileError, quoted
 
 _HEADER = (

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
-from validation.files.log import POSE_COLUMNS, UNITS, LogFault, column_of
+from validation.files.columns import POSE_COLUMNS, UNITS, column_of
+from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, RATES, STOCK, TWIST, motion_by_sensor
 from validation.files.sensors import FEWEST_WINDOWS, Means, Signals
 from validation.files.signals import centred, correlation

@@ -26,16 +26,9 @@ from ssmr.geometry import integral, rotate_body_to_world, rotate_world_to_body
 from ssmr.types import FloatArray
 from validation.files import guarded
 from validation.files.clocks import Timed, on_one_clock
+from validation.files.columns import POSE_COLUMNS
 from validation.files.limits import LogLimits
-from validation.files.log import (
-    POSE_COLUMNS,
-    Group,
-    Log,
-    LogFault,
-    ReadOptions,
-    Topic,
-    check_group,
-)
+from validation.files.log import Group, Log, LogFault, ReadOptions, Topic, check_group
 from validation.files.messages import collect
 from validation.files.reading import FileError, opened
 from validation.files.topics import ROLES, choose_topics, wheels_of
@@ -208,7 +201,7 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
     return transverse * math.cos(lat[0]) * turned, meridian * (lat - lat[0])
 
 
-def read_bag(path: Path, options: ReadOptions) -> Log:
+def read_bag(path: Path, options: ReadOptions, radius: float | None = None) -> Log:
     """Read a bag.
 
     Raises:

@@ -24,7 +24,8 @@ from validation.files.agreement import (
     units,
 )
 from validation.files.circular import circular
-from validation.files.log import POSE_COLUMNS, LogFault, column_of
+from validation.files.columns import POSE_COLUMNS, column_of
+from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, TWIST
 from validation.files.sensors import FEWEST_WINDOWS, LONGEST_S, Signals
 from validation.files.signals import centred, correlation, moving_mean, sturdy_fit
@@ -202,9 +203,9 @@ def positions(e: Signals) -> Iterator[LogFault]:
 def _single_samples(e: Signals) -> Iterator[LogFault]:
     """Counters that wrap, spikes and dropouts: single samples that no wheel reaches."""
     for name, least in (("enc_left", 5.0), ("enc_right", 5.0), ("gyro_z", 2.0)):
-        if not e.log.has((name,)):
+        group = e.log.group_of((name,))
+        if group is None:
             continue
-        group = e.log.own_group(name)
         before, middle, after = sliding_window_view(np.pad(group.columns[name], 1, "edge"), 3).T
         off = np.abs(middle - 0.5 * (before + after))
         alone = np.abs(before - after) < 0.3 * off

@@ -7,13 +7,13 @@ a few millimetres and milliradians. A localiser does not: wheels slip, and senso
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ssmr.types import FloatArray, IndexArray
-from validation.files.log import POSE_COLUMNS, LogFault
+from validation.files.columns import POSE_COLUMNS, column_of, trust_in
+from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, ODOMETRY, TWIST, NewPoses, Way
 from validation.files.sensors import Signals
 from validation.files.signals import TIME_ROUNDOFF
@@ -38,29 +38,6 @@ _MOST_LAG = 0.4
 """Longest delay between poses and rates that is tried [s]."""
 _FINER = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 """Steps in which the best delay is refined [s]."""
-
-
-_KINDS_OF_SOURCES = (
-    r"mocap|motion_capture|vicon|vrpn|optitrack|qualisys|natnet|leica|ground_?truth|p3d",
-    r"amcl|slam|_lio|lio_|loam|icp|lidar|laser|scan|cartographer|hector|ndt|locali[sz]|rtk|rtab"
-    r"|visual|camera|zed|vio|/tf:(map|world)",
-    r"filtered|ekf|ukf|fused",
-    r"controller|wheel|diff_drive|odom",
-)
-"""Parts of the names of poses' sources, the most independent of wheels first."""
-
-
-def trust_in(source: str) -> int:
-    """Return how little a source of poses is trusted by its name: 0 for the truth, 4 for wheels.
-
-    A source whose name says nothing has 2.
-    """
-    ranks = (0, 1, 3, 4)
-    if source.startswith("/"):
-        for rank, parts in zip(ranks, _KINDS_OF_SOURCES, strict=True):
-            if re.search(parts, source.lower()):
-                return rank
-    return 2
 
 
 _Ways = Sequence[Way]
@@ -150,7 +127,7 @@ def circular(e: Signals) -> Iterator[LogFault]:
         return
     measured = False
     for names, speeds, turns in _explanations(e):
-        source = e.log.own_group(names[0]).source
+        source = e.log.groups[column_of(names[0]).group].source
         own = bool(e.log.topics) and source == poses.group.source
         if own and measured:
             continue  # a localiser tells its own speed, and wheels do not follow

@@ -19,23 +19,25 @@ from numpy.typing import ArrayLike
 
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import FloatArray
-from validation.files.limits import USUAL, LogLimits, find_time_fault
-from validation.files.log import (
+from validation.files.columns import (
     COLUMNS,
     COMMAND_COLUMNS,
+    ECHOED,
     POSITIONS,
     RECORDED,
     UNITS,
     Column,
-    DataFrame,
-    Group,
-    Log,
-    ReadOptions,
+    as_option,
     column_of,
+    has_other_names,
     is_column_name,
+    taken_by_name,
+    unit_factor,
     unwrapped,
+    without_unit,
 )
-from validation.files.names import ECHOED, as_option, has_other_names, taken_by_name, without_unit
+from validation.files.limits import USUAL, LogLimits, find_time_fault
+from validation.files.log import PLAIN, DataFrame, Group, Log, ReadOptions
 from validation.files.reading import FileError, opened, quoted
 from validation.files.topics import rates_of_positions
 from validation.output import write_atomic
@@ -260,7 +262,7 @@ def _rows(path: Path, limits: LogLimits) -> Iterator[tuple[int, list[str]]]:
             raise FileError(path, f"this is no CSV: {cause}", line) from cause
 
 
-def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
+def read_csv(path: str | Path, options: ReadOptions = PLAIN, radius: float | None = None) -> Log:
     """Read a log.
 
     Columns without a name are left out, and so are those whose name is not in `RECORDED` and that
@@ -269,15 +271,18 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     Raises:
         FileError: the file cannot be read, is no valid log or is beyond the limits.
     """
-    options = options or ReadOptions()
-    return _log_of_table(read_csv_table(Path(path), options.limits), options)
+    return _log_of_table(read_csv_table(Path(path), options.limits), options, radius)
 
 
-def read_frame(frame: DataFrame, options: ReadOptions) -> Log:
+def frame_path(frame: DataFrame) -> Path:
+    """Return the path that a frame stands for: the name in its `attrs`, else `frame`."""
+    return Path(str(frame.attrs.get("name", "frame")))
+
+
+def read_frame(frame: DataFrame, options: ReadOptions, radius: float | None) -> Log:
     """Return the log in a frame of pandas: the one that a CSV file of it would give.
 
-    It has the name that stands in the frame's `attrs`, else `frame`; an index with a name is a
-    column, and errors count rows from 0, as `iloc` does.
+    An index with a name is a column, and errors count rows from 0, as `iloc` does.
 
     Raises:
         FileError: the frame is no valid log or is beyond the limits.
@@ -286,7 +291,7 @@ def read_frame(frame: DataFrame, options: ReadOptions) -> Log:
 
     if frame.index.name not in (None, *frame.columns):
         frame = frame.reset_index()
-    path = Path(str(frame.attrs.get("name", "frame")))
+    path = frame_path(frame)
     header = [str(name).strip() for name in frame.columns]
     columns = []
     bad = []
@@ -304,17 +309,18 @@ def read_frame(frame: DataFrame, options: ReadOptions) -> Log:
             first = read.bad[0]
         columns.append(numbers)
         bad.append(first)
-    return _log_of_table(CsvTable(path, header, None, range(len(frame)), columns, bad), options)
+    table = CsvTable(path, header, None, range(len(frame)), columns, bad)
+    return _log_of_table(table, options, radius)
 
 
-def _log_of_table(table: CsvTable, options: ReadOptions) -> Log:
+def _log_of_table(table: CsvTable, options: ReadOptions, radius: float | None) -> Log:
     """Return the log in a table, as `read_csv` does."""
     path = table.path
     if options.topics:
         raise FileError(
             path, "topics names the topics of a bag; this is a table, whose columns have names"
         )
-    table, remarks = _renamed(table, options)
+    table, remarks = _renamed(table, options, radius)
     _check_names(table)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(table.header):
@@ -360,7 +366,9 @@ def _of_columns(
     return Log.of_columns(path, columns, limits)
 
 
-def _renamed(table: CsvTable, options: ReadOptions) -> tuple[CsvTable, list[str]]:
+def _renamed(
+    table: CsvTable, options: ReadOptions, radius: float | None
+) -> tuple[CsvTable, list[str]]:
     """Return a table whose columns have our names and units, and sentences on what was guessed.
 
     The options say what they are; of a foreign table, the names do that themselves.
@@ -395,7 +403,8 @@ def _renamed(table: CsvTable, options: ReadOptions) -> tuple[CsvTable, list[str]
         at, unit = taken[name]
         parts_of = [table.columns[k] for k in at]
         try:
-            columns[name] = _in_our_unit(name, parts_of, unit, columns.get("t"), options)
+            t = columns.get("t")
+            columns[name] = _in_our_unit(name, parts_of, unit, t, options, radius)
         except ValueError as error:
             raise FileError(table.path, f"--columns: {error}") from error
         bad.append(next((table.bad[k] for k in at if table.bad[k] is not None), None))
@@ -427,7 +436,12 @@ def _wanted(
 
 
 def _in_our_unit(
-    name: str, parts: Sequence[FloatArray], unit: str, t: FloatArray | None, options: ReadOptions
+    name: str,
+    parts: Sequence[FloatArray],
+    unit: str,
+    t: FloatArray | None,
+    options: ReadOptions,
+    radius: float | None,
 ) -> FloatArray:
     """Return the (M,) numbers of a column of ours from those of one or more of theirs.
 
@@ -439,7 +453,7 @@ def _in_our_unit(
     if name == "t":
         if len(parts) == 2:
             return parts[0] + 1e-9 * parts[1]
-        return parts[0] * options.factor("t", unit if unit in UNITS else "")
+        return parts[0] * unit_factor("t", unit if unit in UNITS else "", None)
     values = parts[0] if len(parts) == 1 else np.mean(parts, axis=0)
     if unit not in UNITS and unit not in ("ticks", "rad") and name not in options.columns:
         return values  # a header may say anything in brackets
@@ -448,7 +462,7 @@ def _in_our_unit(
         if t is None:
             raise ValueError("positions of wheels need a column t")
         return rates_of_positions(t, angles)
-    return values * options.factor(name, unit)
+    return values * unit_factor(name, unit, radius)
 
 
 def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogLimits) -> Log:

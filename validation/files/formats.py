@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from validation.files.bags import read_bag
-from validation.files.csv_logs import read_csv, read_frame, write_csv
-from validation.files.log import COMMAND_COLUMNS, DataFrame, Log, ReadOptions, check_group
+from validation.files.columns import COMMAND_COLUMNS
+from validation.files.csv_logs import frame_path, read_csv, read_frame, write_csv
+from validation.files.log import PLAIN, DataFrame, Log, ReadOptions, check_group
 from validation.files.reading import FileError, exists
 from validation.files.trajectories import read_trajectory, write_tum
 
@@ -19,10 +20,10 @@ class LogFormat:
 
     endings: tuple[str, ...]
     """Endings of its files, in lower case, such as `.csv`."""
-    read: Callable[[Path, ReadOptions], Log] | None = None
-    """Function that reads such a file and raises `FileError`, with the place of the fault, if it
-    cannot; None for a format that is only written. A format with one clock returns
-    `Log.of_columns(path, columns)`."""
+    read: Callable[[Path, ReadOptions, float | None], Log] | None = None
+    """Function that reads such a file, by the options and the radius of the robot's wheels [m] or
+    None, and raises `FileError`, with the place of the fault, if it cannot; None for a format that
+    is only written. A format with one clock returns `Log.of_columns(path, columns)`."""
     write: Callable[[Log, Path], None] | None = None
     """Function that writes a log whole or not at all; None for a format that is only read."""
     folder: str = ""
@@ -80,28 +81,41 @@ def is_log(path: Path) -> bool:
     return any(f.read is not None and f.recognises(path) for f in FORMATS)
 
 
-def read_log(given: str | Path | DataFrame, options: ReadOptions | None = None) -> Log:
+AnyLog = str | Path | DataFrame | Log
+"""A log by its path or the name of a shipped one, as a frame of pandas, or itself."""
+
+
+def log_name(given: AnyLog) -> str:
+    """Return the name of a log as its user gave it, or the path that a frame or a log has."""
+    if isinstance(given, str | Path):
+        return str(given)
+    return str(given.path if isinstance(given, Log) else frame_path(given))
+
+
+def read_log(given: AnyLog, options: ReadOptions = PLAIN, radius: float | None = None) -> Log:
     """Read a log of any format in `FORMATS`; `Log.on_one_clock` brings it onto one clock.
 
     Args:
-        given: a file or folder, whose ending says which format it has, a name in `SHIPPED_LOGS`, or
-            a frame of pandas.
+        given: a file or folder, whose ending says which format it has, a name in `SHIPPED_LOGS`, a
+            frame of pandas, or a log, which is returned.
         options: choices for formats with topics, and limits; all guessed or usual if not given.
+        radius: radius of the robot's wheels [m], which some units need; None where nobody knows it.
 
     Raises:
         FileError: no format has that ending, or the log cannot be read, or is beyond the limits.
     """
-    options = options or ReadOptions()
+    if isinstance(given, Log):
+        return given
     if isinstance(given, str | Path):
-        log = _read_path(log_path(given), options)
+        log = _read_path(log_path(given), options, radius)
     else:
-        log = read_frame(given, options)
+        log = read_frame(given, options, radius)
     for group in log.groups.values():
         check_group(log.path, group, options.limits)
     return log
 
 
-def _read_path(path: Path, options: ReadOptions) -> Log:
+def _read_path(path: Path, options: ReadOptions, radius: float | None) -> Log:
     """Read a log in the format that the ending of its path names."""
     if not exists(path):
         raise FileError(path, f"there is no such file; wanted a log ({readable()})")
@@ -111,7 +125,7 @@ def _read_path(path: Path, options: ReadOptions) -> Log:
     if read is read_bag and set(options.columns) - set(COMMAND_COLUMNS["wheels"]):
         what = "of a bag, columns names the joints of enc_left and enc_right; --topics names topics"
         raise FileError(path, what)
-    return read(path, options)
+    return read(path, options, radius)
 
 
 def format_of_target(path: str | Path) -> LogFormat:

@@ -16,7 +16,9 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation.files.checks import checked
-from validation.files.log import POSE_COLUMNS, Group, Log, LogFault
+from validation.files.columns import POSE_COLUMNS
+from validation.files.formats import AnyLog, read_log
+from validation.files.log import PLAIN, Log, LogFault, ReadOptions
 from validation.files.motion import ENCODERS, TWIST, Jumps
 from validation.files.offsets import Offset, estimate_offsets
 from validation.files.reading import FileError
@@ -171,7 +173,10 @@ def _uncommanded_share(signals: Signals) -> float | None:
 # ------------------------------------------------------------------------------------------ the log
 @dataclass(frozen=True, eq=False)
 class Inspected:
-    """A log with the stamps of its groups, and what it shows by itself, each looked for once."""
+    """A log as it was read, and what it shows by itself, each looked for once.
+
+    A part of it is no other log: its clocks, its gyro and its columns are those of the whole.
+    """
 
     log: Log
     """The log."""
@@ -229,16 +234,22 @@ class Inspected:
         return self.log.on_one_clock()
 
 
-def too_short(group: Group) -> str:
-    """Return a sentence on a group of poses that has no window between its gaps; else nothing."""
-    edges = [float(group.t[0]), *np.ravel(group.gaps()), float(group.t[-1])]
-    longest = float(np.max(np.diff(edges)[::2]))
+def open_log(given: AnyLog, options: ReadOptions = PLAIN, radius: float | None = None) -> Inspected:
+    """Open a log, once for all that a program does with it.
+
+    The arguments and errors are those of `read_log`.
+    """
+    return Inspected(read_log(given, options, radius), radius)
+
+
+def too_short(longest: float) -> list[str]:
+    """Return a sentence on a log whose longest stretch without a gap [s] has no window."""
     if longest >= _WINDOW_S:
-        return ""
-    return (
+        return []
+    return [
         f"{longest:.3g} s without a gap are too short for a window of {_WINDOW_S:g} s: "
         "drive for a minute or more"
-    )
+    ]
 
 
 def _find_lacks(signals: Signals) -> Iterator[str]:
@@ -248,9 +259,9 @@ def _find_lacks(signals: Signals) -> Iterator[str]:
         return
     t = poses.t
     whole = float(t[-1] - t[0])
-    short = too_short(poses.group)
-    if short:
-        yield short
+    edges = [float(poses.group.t[0]), *np.ravel(poses.group.gaps()), float(poses.group.t[-1])]
+    if short := too_short(float(np.max(np.diff(edges)[::2]))):
+        yield from short
         return
     if whole < _PARTS * _WINDOW_S:
         yield (

@@ -12,118 +12,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.types import CommandKind, FloatArray, frozen_array
+from ssmr.types import FloatArray, frozen_array
+from validation.files.columns import (
+    GROUPS,
+    NO_COLUMN,
+    POSITIONS,
+    RECORDED,
+    column_of,
+    is_column_name,
+    unwrapped,
+)
 from validation.files.limits import USUAL, LogLimits, find_time_fault
 from validation.files.reading import FileError
 from validation.files.signals import TIME_ROUNDOFF, BoolArray, fresh_poses, held, refreshed
-
-
-class Column(NamedTuple):
-    """Properties of a column that is known by its name."""
-
-    unit: str
-    group: str
-    """Group of the columns that are sampled together with it."""
-    most: float
-    """Size from which its numbers are damaged, or in another unit."""
-    usual: float = math.inf
-    """Greatest size that it has on a ground robot."""
-    others: str = ""
-    """Units that it may be in where it is larger."""
-
-    def fault(self, values: FloatArray) -> tuple[int, str] | None:
-        """Return the index of the first impossible one of (M,) values, and its fault, if any."""
-        beyond = np.flatnonzero(~(np.abs(values) <= self.most))
-        if not len(beyond):
-            return None
-        k = int(beyond[0])
-        number = f"{values[k]:g} {self.unit}".strip()
-        if math.isfinite(values[k]):
-            return k, f"{number}, more than {self.most:g}"
-        return k, f"{number}, wanted a finite number [{self.unit}]"
-
-
-_RPM = "rpm, ticks or degrees per second"
-_DEGREES = "degrees per second"
-_CURRENT = Column("A", "channels", 1e100, 1000.0, "mA")
-_VOLTAGE = Column("V", "channels", 1e100, 200.0, "mV")
-COLUMNS: Mapping[str, Column] = MappingProxyType(
-    {
-        **dict.fromkeys(("x", "y"), Column("m", "pose", 1e8)),
-        "yaw": Column("rad", "pose", 1e7),
-        **dict.fromkeys(("enc_left", "enc_right"), Column("rad/s", "wheels", 1e4, 100.0, _RPM)),
-        "odom_v": Column("m/s", "odom", 100.0, 10.0, "mm/s or km/h"),
-        "odom_w": Column("rad/s", "odom", 1000.0, 15.0, _DEGREES),
-        **dict.fromkeys(("odom_x", "odom_y"), Column("m", "odom", 1e8)),
-        "odom_yaw": Column("rad", "odom", 1e7),
-        "gyro_z": Column("rad/s", "imu", 1000.0, 15.0, _DEGREES),
-        **dict.fromkeys(("gps_east", "gps_north"), Column("m", "gps", 1e8)),
-        "cmd_v": Column("m/s", "cmd", 100.0, 10.0, "mm/s or km/h"),
-        "cmd_w": Column("rad/s", "cmd", 1000.0, 15.0, _DEGREES),
-        **dict.fromkeys(("acc_x", "acc_y", "acc_z"), Column("m/s²", "channels", 1e5, 160.0, "mg")),
-        **dict.fromkeys(("current_left", "current_right"), _CURRENT),
-        **dict.fromkeys(("voltage_left", "voltage_right"), _VOLTAGE),
-    }
-)
-"""Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is
-asked for."""
-_ANY_COLUMN = Column("", "channels", 1e100)
-"""Any other column."""
-_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        group: tuple(name for name, column in COLUMNS.items() if column.group == group)
-        for group in dict.fromkeys(column.group for column in COLUMNS.values())
-    }
-)
-"""Names of the groups, and the known columns of each."""
-RECORDED = ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw")
-"""Columns of a robot's motion: a log on one clock has at least one of them."""
-_NOTHING = f"there is none of the columns {', '.join(RECORDED)}"
-POSE_COLUMNS = ("x", "y", "yaw")
-COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
-    {"twist": ("cmd_v", "cmd_w"), "wheels": ("enc_left", "enc_right")}
-)
-"""The two columns that drive a plant, by kind of command."""
-
-UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
-    {
-        "ms": ("s", 1e-3),
-        "us": ("s", 1e-6),
-        "ns": ("s", 1e-9),
-        "min": ("s", 60.0),
-        "deg": ("rad", math.pi / 180.0),
-        "turns": ("rad", 2.0 * math.pi),
-        "deg/s": ("rad/s", math.pi / 180.0),
-        "rpm": ("rad/s", math.pi / 30.0),
-        "rad/min": ("rad/s", 1.0 / 60.0),
-        "mm": ("m", 1e-3),
-        "cm": ("m", 1e-2),
-        "km": ("m", 1e3),
-        "ft": ("m", 0.3048),
-        "in": ("m", 0.0254),
-        "km/h": ("m/s", 1.0 / 3.6),
-        "mm/s": ("m/s", 1e-3),
-        "cm/s": ("m/s", 1e-2),
-        "m/min": ("m/s", 1.0 / 60.0),
-        "ft/s": ("m/s", 0.3048),
-        "mph": ("m/s", 0.44704),
-    }
-)
-"""Units that loggers write: the unit in `COLUMNS` of the same quantity, and the factor to it."""
-
-POSITIONS: Mapping[str, float] = MappingProxyType(
-    {"rad": 1.0, "deg": math.pi / 180.0, "turns": 2.0 * math.pi}
-)
-"""Units of the positions of wheels, and the angle of each [rad]; ticks are another."""
 
 _GAP_FACTOR = 2.5
 """A step longer than this many periods is a gap: one dropped sample is tolerated, two are not."""
@@ -135,16 +45,6 @@ _FEW_STEPS = 100
 """Number of steps from which pauses are told from gaps."""
 
 
-def column_of(name: str) -> Column:
-    """Return the properties of a column."""
-    return COLUMNS.get(name, _ANY_COLUMN)
-
-
-def is_column_name(name: str) -> bool:
-    """Return whether a file's header can hold this name and give it back."""
-    return bool(name) and name.isprintable() and name == name.strip()
-
-
 def _usual_step(t: FloatArray) -> float:
     """Return the median step of (M,) stamps [s]; of bursts with equal pauses, the pause."""
     steps = np.diff(t)
@@ -154,8 +54,38 @@ def _usual_step(t: FloatArray) -> float:
     return float(pause if bursts else usual)
 
 
+class _Value:
+    """Base of dataclasses whose arrays and mappings nobody can change, also by another name."""
+
+    def __post_init__(self) -> None:
+        """Keep copies of what could be changed."""
+        for name, value in self._values().items():
+            object.__setattr__(self, name, _read_only(value))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let other processes receive it, which a read-only mapping would not."""
+        values = self._values().values()
+        plain = (dict(value) if isinstance(value, Mapping) else value for value in values)
+        return type(self), tuple(plain)
+
+    def _values(self) -> dict[str, Any]:
+        return {part.name: getattr(self, part.name) for part in fields(self)}  # type: ignore[arg-type]
+
+
+def _read_only(value: Any) -> Any:
+    """Return an array, a mapping or a list that cannot be changed; anything else as it is."""
+    if isinstance(value, Mapping):
+        return MappingProxyType({name: _read_only(part) for name, part in value.items()})
+    if isinstance(value, list):
+        return tuple(value)
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        value = value.copy()
+        value.setflags(write=False)
+    return value
+
+
 @dataclass(frozen=True, eq=False)
-class Group:
+class Group(_Value):
     """Columns that were sampled together, M samples."""
 
     source: str
@@ -170,6 +100,7 @@ class Group:
 
     def __post_init__(self) -> None:
         """Take the period from the stamps where it is not given."""
+        super().__post_init__()
         if math.isnan(self.period):
             object.__setattr__(self, "period", _usual_step(self.t))
 
@@ -223,23 +154,21 @@ class LogFault:
     """Sentence on the fault."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReadOptions:
-    """Choices for reading a log; a format without topics refuses their names."""
+    """How logs are read: options of every program that reads some."""
 
     topics: Mapping[str, str] = field(default_factory=dict)
-    """Topic of each role (cmd, odom, wheels, imu, pose, gps), or `none`; roles that are not named
-    are guessed."""
-    limits: LogLimits = USUAL
-    """Greatest sizes that a log may have."""
+    """Topic of each role, such as cmd=/cmd_vel,pose=/tf:map.base_link,gps=none; guessed from types,
+    names and motions if not given. Roles are cmd, odom, wheels, imu, pose and gps."""
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """For columns of a CSV file that have other names or units, the name there and the unit, empty
-    where it is ours."""
-    radius: float | None = None
-    """Radius of the wheels [m], which some units and faults need; None where nobody knows it."""
-
+    """Columns of a CSV file with other names or units:
+    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s, a mean as enc_left=fl+rl, yaw=qx+qy+qz+qw,
+    and positions of wheels as enc_left=ticks_l:ticks; of a bag, the joints of each side."""
     ticks_per_turn: float | None = None
-    """Ticks of an encoder in a turn of its wheel, for columns in ticks; None where nobody says."""
+    """Ticks of an encoder in a turn of its wheel, for columns in ticks."""
+    limits: LogLimits = USUAL
+    """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
 
     def angle(self, unit: str) -> float:
         """Return the angle of a unit of wheels' positions [rad]; a ValueError asks for ticks."""
@@ -249,28 +178,13 @@ class ReadOptions:
             raise ValueError("ticks need their number in a turn of the wheel: --ticks-per-turn N")
         return 2.0 * math.pi / self.ticks_per_turn
 
-    def factor(self, name: str, unit: str) -> float:
-        """Return the factor from a unit to that of a column; a ValueError lists the units."""
-        column_unit = "s" if name == "t" else column_of(name).unit
-        base, factor = UNITS.get(unit, (unit, 1.0))
-        if base == column_unit or not unit:
-            return factor
-        if name in COMMAND_COLUMNS["wheels"] and base == "m/s":
-            if self.radius is None:
-                raise ValueError(
-                    f"{name} in {unit} needs the radius of the wheels; name the robot by --robot"
-                )
-            return factor / self.radius
-        units = [column_unit, *(u for u, (of, _) in UNITS.items() if of == column_unit)]
-        raise ValueError(f"{name} cannot be in '{unit}'; its units are {', '.join(units)}")
-
 
 PLAIN = ReadOptions()
 """Everything as usual."""
 
 
 @dataclass(frozen=True, eq=False)
-class Topic:
+class Topic(_Value):
     """A topic of a file that has topics, M samples."""
 
     name: str
@@ -292,18 +206,6 @@ class Topic:
     """Sentence on what in it is not understood, and how to name it."""
 
 
-def unwrapped(angles: FloatArray) -> FloatArray:
-    """Return (M,) angles without jumps by a turn, of 2 pi, or of 360 if they are in degrees."""
-    # degrees are a fault that is named later
-    steps = np.abs(np.diff(angles))
-    if np.any((steps > 300.0) & (steps < 361.0)):
-        return np.unwrap(angles, period=360.0)
-    far = steps[steps > math.pi]
-    if np.ptp(angles) > 4.0 * math.pi and np.any((far < 5.0) | (far > 7.0)):
-        return angles
-    return np.unwrap(angles)
-
-
 class DataFrame(Protocol):
     """A frame of pandas, as far as a log needs it; pandas itself takes long to import."""
 
@@ -319,7 +221,7 @@ class DataFrame(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class Log(_Value):
     """A log of one robot."""
 
     path: Path
@@ -334,8 +236,6 @@ class Log:
     """Limits that it was read with; they hold for its common clock as well."""
     faults: Sequence[LogFault] = ()
     """Faults that showed when it was read, and were put right."""
-    recorded: Mapping[str, Group] = field(default_factory=dict)
-    """Groups with the stamps of their own, if `groups` were brought onto one clock; else empty."""
 
     @classmethod
     def of_columns(
@@ -357,8 +257,8 @@ class Log:
         if odd:
             raise FileError(path, f"{odd[0]!r} is no name of a column")
         if not any(name in RECORDED for name in columns):
-            raise FileError(path, _NOTHING)
-        members: dict[str, dict[str, FloatArray]] = {name: {} for name in _GROUPS}
+            raise FileError(path, NO_COLUMN)
+        members: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
         try:
             t = frozen_array(columns["t"], "t", (None,))
             for name, given in columns.items():
@@ -399,8 +299,7 @@ class Log:
         """Return the log with columns of the group `name` replaced or added, each (M,)."""
         group = self.groups[name]
         changed = replace(group, columns={**group.columns, **columns})
-        recorded = {other: g for other, g in self.recorded.items() if other != name}
-        return replace(self, groups={**self.groups, name: changed}, recorded=recorded)
+        return replace(self, groups={**self.groups, name: changed})
 
     def without(self, names: Iterable[str]) -> Log:
         """Return the log without these columns, and without groups that have no others."""
@@ -409,12 +308,7 @@ class Log:
             left = {n: values for n, values in group.columns.items() if n not in names}
             if left:
                 groups[name] = replace(group, columns=left)
-        return replace(self, groups=groups, recorded={})
-
-    def own_group(self, column: str) -> Group:
-        """Return the group of a column that the log has, with stamps of its own."""
-        name = column_of(column).group
-        return self.recorded.get(name) or self.groups[name]
+        return replace(self, groups=groups)
 
     # -----------------------------------------------------------------------------------------
     # one clock
@@ -470,14 +364,14 @@ class Log:
 
         Args:
             rate: samples a second [Hz]. None: the stamps that the groups share, or the rate of the
-                first group of `_GROUPS`.
+                first group of `GROUPS`.
 
         Raises:
             FileError: the groups do not overlap, leave nothing between their gaps, hold no column
                 of `RECORDED`, or make more samples than the limits allow.
         """
         if not any(name in RECORDED for name in self.columns):
-            raise FileError(self.path, _NOTHING)
+            raise FileError(self.path, NO_COLUMN)
         if rate is None and self.is_on_one_clock:
             return self
         t = self._clock(rate)
@@ -505,7 +399,7 @@ class Log:
         for name, columns in moved.items():
             kept = {n: values[keep] for n, values in columns.items()}
             groups[name] = Group(self.groups[name].source, t, kept, period)
-        return replace(self, groups=groups, recorded=self.groups)
+        return replace(self, groups=groups)
 
     def _clock(self, rate: float | None) -> FloatArray:
         """Return the (N,) instants of a common clock: shared stamps, or a grid over their time.
@@ -514,7 +408,7 @@ class Log:
         """
         measured = [g for name, g in self.groups.items() if name != "cmd"]
         measured = measured or list(self.groups.values())
-        first = self.groups[min(self.groups, key=[*_GROUPS, *self.groups].index)]
+        first = self.groups[min(self.groups, key=[*GROUPS, *self.groups].index)]
         if rate is None and all(np.array_equal(g.t, first.t) for g in measured):
             return first.t
         dt = _usual_step(first.t) if rate is None else 1.0 / rate

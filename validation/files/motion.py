@@ -17,7 +17,8 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group
+from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
+from validation.files.log import Group
 from validation.files.signals import TIME_ROUNDOFF, BoolArray, fresh_poses, nearest, refreshed
 
 STOCK = EkfSettings()
@@ -136,6 +137,8 @@ class Jumps:
     """(K,) indices, in the group that holds x, y and yaw, of the first sample after each jump."""
     t: FloatArray
     """(K,) stamps of these samples [s]."""
+    since: FloatArray
+    """(K,) stamps of the new poses before them [s]."""
     metres: FloatArray
     """(K,) lengths of the steps [m]."""
     radians: FloatArray
@@ -222,6 +225,7 @@ def find_jumps(poses: NewPoses | None, wheels: Told | None) -> Jumps | None:
     return Jumps(
         index=new[at + 1],
         t=t[at + 1],
+        since=t[at],
         metres=metres[at],
         radians=radians[at],
         caught_up=int(np.count_nonzero(caught)),

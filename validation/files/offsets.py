@@ -15,7 +15,8 @@ from itertools import pairwise
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.files.log import POSE_COLUMNS, Group, Log
+from validation.files.columns import POSE_COLUMNS
+from validation.files.log import Group, Log
 from validation.files.motion import SENSORS, NewPoses
 from validation.files.sensors import Signals
 from validation.files.signals import BoolArray, held

@@ -18,7 +18,8 @@ import numpy as np
 
 from ssmr.geometry import integral
 from ssmr.types import FloatArray
-from validation.files.log import POSE_COLUMNS, Group, Log
+from validation.files.columns import POSE_COLUMNS
+from validation.files.log import Group, Log
 from validation.files.motion import (
     ENCODERS,
     SENSORS,

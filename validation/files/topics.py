@@ -18,8 +18,9 @@ import numpy as np
 
 from ssmr.geometry import compose
 from ssmr.types import FloatArray
-from validation.files.circular import circular, trust_in
-from validation.files.log import POSE_COLUMNS, Group, Log, Topic
+from validation.files.circular import circular
+from validation.files.columns import POSE_COLUMNS, WHEEL_SIDES, side_of, trust_in
+from validation.files.log import Group, Log, Topic
 from validation.files.messages import TRANSFORM
 from validation.files.motion import ENCODERS
 from validation.files.reading import FileError, quoted
@@ -250,17 +251,6 @@ def _composed(above: Topic, below: Topic, name: str) -> Topic:
 
 
 # ------------------------------------------------------------------------------------------ wheels
-_NO_WHEELS = re.compile(
-    r"cast|steer|swivel|arm|gripper|finger|shoulder|elbow|wrist|head|pan|tilt|lift|camera|torso"
-)
-"""Parts of the names of joints that drive nothing."""
-_SIDES = {
-    "left": re.compile(r"left|(^|[^a-z])(l|[frbm]l|l[frbm])([^a-z]|$)"),
-    "right": re.compile(r"right|(^|[^a-z])(r|[fbm]r|rr|r[fbm])([^a-z]|$)"),
-}
-"""Sides that the names of joints say: `front_left`, `wheel_FL_joint`, `rr`."""
-
-
 def wheels_of(topic: Topic, named: Mapping[str, tuple[str, str]]) -> Topic:
     """Return joint states as the mean rate of the wheels of each side [rad/s].
 
@@ -271,7 +261,7 @@ def wheels_of(topic: Topic, named: Mapping[str, tuple[str, str]]) -> Topic:
     columns = topic.columns or {}
     joints = dict.fromkeys(name.rpartition(".")[0] for name in columns)
     sides = {}
-    for side, column in zip(_SIDES, ENCODERS, strict=True):
+    for side, column in zip(WHEEL_SIDES, ENCODERS, strict=True):
         if column in named:
             members = named[column][0].split("+")
         else:
@@ -288,15 +278,6 @@ def wheels_of(topic: Topic, named: Mapping[str, tuple[str, str]]) -> Topic:
         "--columns enc_left=JOINT+JOINT,enc_right=JOINT+JOINT says which wheels are where"
     )
     return replace(topic, columns=columns, unread=remark)
-
-
-def side_of(name: str) -> str:
-    """Return the side that the name of a joint says; nothing for none, or for no wheel."""
-    plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
-    if _NO_WHEELS.search(plain):
-        return ""
-    sides = [side for side, pattern in _SIDES.items() if pattern.search(plain)]
-    return sides[0] if len(sides) == 1 else ""
 
 
 def _rate(topic: Topic, joint: str) -> FloatArray:

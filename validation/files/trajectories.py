@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, quat_wxyz_to_yaw, yaw_to_quat_wxyz
+from validation.files.columns import POSE_COLUMNS
 from validation.files.limits import find_time_fault
-from validation.files.log import POSE_COLUMNS, Log, ReadOptions
+from validation.files.log import Log, ReadOptions
 from validation.files.reading import FileError, opened
 from validation.output import write_atomic
 
@@ -18,7 +19,7 @@ _KITTI_DT = 0.1
 """Time between the poses of KITTI, which have no stamps [s]."""
 
 
-def read_trajectory(path: Path, options: ReadOptions) -> Log:
+def read_trajectory(path: Path, options: ReadOptions, radius: float | None = None) -> Log:
     """Read poses: TUM with `t x y z qx qy qz qw` on a line, KITTI with the rows of [R | p].
 
     KITTI's have no stamps: they count as ten a second. Where they hardly move along their y, they

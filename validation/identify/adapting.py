@@ -12,7 +12,9 @@ from ssmr.geometry import compose, relative
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gyro import with_gyro
 from validation.experiment.sources import Piece, Source, source_of
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log
+from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
+from validation.files.inspection import Inspected
+from validation.files.log import Log
 from validation.identify.judging import motions_of, plant_on
 from validation.identify.objective import FitCost, true_motion
 from validation.identify.problem import FitProblem
@@ -145,7 +147,8 @@ class Calibrating:
         self._blocks = [*self._blocks[-self._kept :], []]
         columns = dict(zip(("t", *COMMAND_COLUMNS["wheels"], *POSE_COLUMNS), table, strict=True))
         try:
-            source = source_of(Log.of_columns("the drive", columns), "the drive", "wheels")
+            log = Log.of_columns("the drive", columns)
+            source = source_of(Inspected(log), "the drive", "wheels")
             problem = _problem(self._model, self._base, source, "wheels")
         except ValueError:
             # the robot stood, or its poses have too many gaps

@@ -100,7 +100,8 @@ class FitProblem:
         self.model = model
         self.base = base
         self.space = space
-        self.sources = tuple(sources)
+        # pieces are enough: logs would be sent to every worker
+        self.sources = tuple(replace(source, inspected=None) for source in sources)
         self.tags = tags or {}
         self.held = held or {}
         kind = plant_kind(model)

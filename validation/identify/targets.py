@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import chain
 from os.path import realpath
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -18,8 +18,18 @@ from ssmr.types import CommandKind, Plant, Trajectory
 from validation.experiment.gyro import with_gyro
 from validation.experiment.runs import drive_source
 from validation.experiment.scores import Scores, score
-from validation.experiment.sources import RECORDING, Piece, Source, open_source
+from validation.experiment.sources import (
+    RECORDING,
+    AnySource,
+    Piece,
+    Source,
+    Span,
+    open_source,
+    source_name,
+    source_of,
+)
 from validation.files.formats import log_path
+from validation.files.inspection import Inspected
 from validation.files.log import PLAIN, ReadOptions
 from validation.files.reading import exists
 from validation.identify.objective import FitCost, torque_errors, true_motion
@@ -28,14 +38,13 @@ from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import plant_kind
 
+T = TypeVar("T")
 Input = Literal["commands", "wheels"]
 """Input of a recording that drives a plant along it."""
 MOST_TIME = 1e12
 """Greatest size of a stamp that a recording can be cut at [s]; Unix stamps are about 1.8e9."""
 HORIZONS = (2.0, 6.0, 30.0, 60.0)
 """Horizons of the relative pose errors in results [s]."""
-Span = tuple[float | None, float | None]
-"""Part of a recording between two times [s]; None for its first or its last."""
 
 
 def is_scenario(name: str) -> bool:
@@ -54,6 +63,12 @@ def split_ground(name: str) -> tuple[str, str]:
     return log, ground
 
 
+def file_of(name: str) -> str:
+    """Return the file of a log by its name, LOG or LOG@GROUND."""
+    # unlike Path.resolve, it takes a link that leads to itself
+    return realpath(split_ground(name)[0])
+
+
 def tags_of(names: Sequence[str], held_out: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return the tags of each log to fit to, its own name first, and of each that is held out.
 
@@ -63,7 +78,7 @@ def tags_of(names: Sequence[str], held_out: Sequence[str]) -> dict[str, tuple[st
     own: dict[str, str] = {}
     for name in (*names, *held_out):
         log, ground = split_ground(name)
-        file = realpath(log)
+        file = file_of(name)
         if name in names and file not in own:
             label = file_name(Path(log).stem)
             # logs of several days often have one name, in folders of their own
@@ -74,83 +89,96 @@ def tags_of(names: Sequence[str], held_out: Sequence[str]) -> dict[str, tuple[st
 
 
 def open_sources(
-    names: Sequence[str],
+    given: Sequence[AnySource],
     profile: Profile,
-    held_out: Sequence[str] = (),
+    held_out: Sequence[AnySource] = (),
     input: Input = "commands",
-    span: Span | Mapping[str, Span] = (None, None),
+    span: Span = (None, None),
     options: ReadOptions = PLAIN,
+    radius: float | None = None,
 ) -> tuple[list[Source], list[Source]]:
     """Return the sources to fit to and those that are held out, all with their true motion.
 
-    They have the names that the user gave them.
-
-    A plant that drives scenarios is built once.
+    They have the names that the user gave them. A log that is both is opened once, and a plant
+    that drives scenarios is built once.
 
     Args:
-        names: sources to fit to.
+        given: sources to fit to.
         profile: profile of the plants that drive scenarios.
         held_out: sources to judge the fit on. A scenario is driven by the plant that drives the
             fit's own, unless it names another; a recording that is also fitted to stands for its
             parts outside the span.
         input: the plant's input along a recording.
-        span: part of recordings that is fitted to, of all or of each by its name.
+        span: part of recordings that is fitted to.
         options: how recordings are read.
+        radius: radius of the robot's wheels [m], where it is known.
 
     Raises:
         ValueError: a source is missing, named twice, cannot be read, or lacks an input.
         SsmrError: the plant that drives a scenario diverged.
     """
-    if not names:
+    if not given:
         raise ValueError("to names no source")
-    for option, given in (("to", names), ("held_out", held_out)):
-        if len(set(given)) != len(given):
-            raise ValueError(f"{option} names a source twice")
-    spans = span if isinstance(span, Mapping) else dict.fromkeys(names, span)
-    if all(map(is_scenario, names)) and any(spans[name] != (None, None) for name in names):
+    names = distinct_names("to", given)
+    if all(map(is_scenario, names)) and span != (None, None):
         raise ValueError(f"since and until cut recordings; {', '.join(names)} are scenarios")
     kind: CommandKind = "wheels" if input == "wheels" else "twist"
     truth_of = _truth(profile)
     train = []
-    for name in names:
-        ends = (None, None) if is_scenario(name) else spans[name]
-        source = with_gyro(open_source(split_ground(name)[0], kind, *ends, options))
-        train.append(truth_of(source, name))
+    for name, each in zip(names, given, strict=True):
+        ends = (None, None) if is_scenario(name) else span
+        source = open_source(without_ground(each), kind, *ends, options, radius)
+        train.append(truth_of(with_gyro(source), name))
+    fitted = {file_of(source.name): source.inspected for source in train}
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
-    fitted = {realpath(split_ground(name)[0]): name for name in names}
     judged = []
-    for name in held_out:
-        if is_scenario(name):
+    for name, each in zip(distinct_names("held_out", held_out), held_out, strict=True):
+        inspected = fitted.get(file_of(name))
+        if isinstance(each, Source):
+            source = each
+        elif is_scenario(name):
             # the same plant as drives the fit's, or the fit would be judged by another truth
             full = f"{name}@{driver}" if driver and "@" not in name else name
             if full in names or name in names:
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
-            judged.append(truth_of(open_source(full), name))
-            continue
-        log = split_ground(name)[0]
-        # unlike Path.resolve, it takes a link that leads to itself
-        if within := fitted.get(realpath(log)):
-            source = _outside(log, kind, spans[within], options)
+            source = open_source(full)
+        elif inspected is not None:
+            source = source_outside(inspected, name, kind, span)
         else:
-            source = with_gyro(open_source(log, kind, options=options))
-        judged.append(truth_of(source, name))
+            source = open_source(without_ground(each), kind, options=options, radius=radius)
+        judged.append(truth_of(with_gyro(source), name))
     return train, judged
 
 
-def _outside(name: str, kind: CommandKind, span: Span, options: ReadOptions) -> Source:
-    """Return the parts of a recording outside a span as one source."""
-    spans: list[Span] = [(None, span[0]), (span[1], None)]
-    cuts = [s for s in spans if s != (None, None)]
-    parts = [with_gyro(open_source(name, kind, *s, options)) for s in cuts]
+def distinct_names(option: str, given: Sequence[AnySource]) -> list[str]:
+    """Return the names of sources; a ValueError says that one is named twice."""
+    names = list(map(source_name, given))
+    if len(set(names)) != len(names):
+        raise ValueError(f"{option} names a source twice")
+    return names
+
+
+def without_ground(given: T) -> T | str:
+    """Return a source, or the log of LOG@GROUND."""
+    return split_ground(str(given))[0] if isinstance(given, str | Path) else given
+
+
+def source_outside(inspected: Inspected, name: str, kind: CommandKind, span: Span) -> Source:
+    """Return the parts of a recording outside a span as one source, see `source_of`.
+
+    A ValueError says that there are none.
+    """
+    start, stop = span
+    ends: list[Span] = [(None, start)] * (start is not None) + [(stop, None)] * (stop is not None)
+    parts = [source_of(inspected, name, kind, each) for each in ends]
     if not parts:
         raise ValueError(
             f"{name} is fitted to as a whole; without since or until nothing of it is held out"
         )
     pieces = tuple(chain(*(part.pieces for part in parts)))
-    warnings = tuple(chain(*(part.warnings for part in parts)))
-    remarks = tuple(chain(*(part.remarks for part in parts)))
+    warnings = tuple(dict.fromkeys(chain(*(part.warnings for part in parts))))
     title = " and ".join(part.title for part in parts)
-    return replace(parts[0], pieces=pieces, warnings=warnings, remarks=remarks, title=title)
+    return replace(parts[0], pieces=pieces, warnings=warnings, title=title)
 
 
 def _truth(profile: Profile) -> Callable[[Source, str], Source]:

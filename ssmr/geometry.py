@@ -92,12 +92,12 @@ def yaw_to_quat_wxyz(yaw: ArrayLike) -> FloatArray:
 def quat_wxyz_to_yaw(quat: ArrayLike) -> FloatArray:
     """Return the (...) heading in (-pi, pi] of (..., 4) quaternions, w first.
 
-    It is the direction of the rotated x axis.
+    It is the direction of the rotated x axis. A quaternion's length does not matter.
     """
     q = np.asarray(quat, dtype=np.float64)
     w, x, y, z = np.moveaxis(q, -1, 0)
     sine = 2.0 * (w * z + x * y)
-    cosine = 1.0 - 2.0 * (y * y + z * z)
+    cosine = w * w + x * x - y * y - z * z
     return np.asarray(np.arctan2(sine, cosine))
 
 

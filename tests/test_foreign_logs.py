@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ssmr.geometry import yaw_to_quat_wxyz
 from ssmr.types import FloatArray
+from tests import bag_factory
 from validation.files.columns import COMMAND_COLUMNS
 from validation.files.csv_logs import read_csv
 from validation.files.formats import read_log, write_log
@@ -120,6 +122,25 @@ def test_a_trajectory_comes_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.columns["x"], 2.0 * T)
     np.testing.assert_allclose(log.columns["y"], -T)
     np.testing.assert_allclose(log.columns["yaw"], YAW, atol=1e-9)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.1, 1.0])
+def test_the_length_of_a_quaternion_turns_nothing(length: float, tmp_path: Path) -> None:
+    """In TUM, in a table and in a bag alike."""
+    quat = length * yaw_to_quat_wxyz(YAW)[:, [1, 2, 3, 0]]
+    rows = np.column_stack([T, T, -T, 0.0 * T, quat])
+    np.savetxt(tmp_path / "a.tum", rows, fmt="%.12g")
+    names = "t,x,y,z,qx,qy,qz,qw"
+    np.savetxt(tmp_path / "a.csv", rows, fmt="%.12g", delimiter=",", header=names, comments="")
+    messages: list[bag_factory.Message] = []
+    for t, x, y, _, *turn in rows.tolist():
+        pose = {"position": {"x": x, "y": y}, "orientation": dict(zip("xyzw", turn, strict=True))}
+        made = "geometry_msgs/msg/PoseStamped", bag_factory.stamped(t, pose=pose)
+        messages.append(("/pose", t, made))
+    bag = bag_factory.write(tmp_path, "mcap", messages)
+    for path in (tmp_path / "a.tum", tmp_path / "a.csv", bag):
+        yaw = read_log(path).columns["yaw"]
+        assert np.abs(np.angle(np.exp(1j * (yaw - YAW)))).max() < 1e-6, path.suffix
 
 
 def spiked(c: Columns) -> Columns:

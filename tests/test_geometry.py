@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from hypothesis import given
+import pytest
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ssmr.geometry import (
@@ -82,3 +83,20 @@ def test_the_integral_of_straight_rates_is_exact() -> None:
     t = np.linspace(2.0, 5.0, 301) ** 1.1
     measured = integral(t, np.column_stack([2.0 * t, np.full(len(t), -3.0)]))
     assert np.abs(measured - np.column_stack([t**2 - t[0] ** 2, -3.0 * (t - t[0])])).max() <= 1e-10
+
+
+@given(
+    quat=st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1),
+    length=st.floats(1e-3, 1e3),
+)
+def test_scaling_a_quaternion_turns_nothing(
+    quat: tuple[float, float, float, float], length: float
+) -> None:
+    """Many drivers do not normalise; the heading is that of the rotated x axis."""
+    unit = np.array(quat) / np.linalg.norm(quat)
+    w, x, y, z = unit
+    ahead = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
+    assume(np.hypot(*ahead) > 1e-3)  # else it points up, and has no heading
+    yaw = float(quat_wxyz_to_yaw(length * unit))
+    turned = np.array([np.cos(yaw), np.sin(yaw)])
+    assert turned @ ahead / np.hypot(*ahead) == pytest.approx(1.0, abs=1e-12)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
+from validation.files.clocks import on_one_clock
 from validation.files.inspection import Inspected, unbiased
 from validation.files.log import Group, Log
 from validation.files.reading import FileError
@@ -74,6 +75,44 @@ def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> Non
     np.testing.assert_allclose(np.diff(log.t), 0.04, rtol=1e-9)
     np.testing.assert_allclose(log.columns["gyro_z"], 0.3 * log.t, rtol=1e-9)
     np.testing.assert_allclose(log.columns["gps_east"], 2.0 * log.t, rtol=1e-9)
+
+
+@settings(max_examples=60)
+@given(
+    shift=st.floats(-2e9, 2e9).map(lambda s: round(s, 3)),
+    late=st.floats(0.0, 0.3),
+    seed=st.integers(0, 9),
+)
+def test_shifting_the_clock_of_the_stamps_moves_no_topic_against_another(
+    shift: float, late: float, seed: int
+) -> None:
+    """By whole seconds or by a fraction; commands without stamps go along, however late others are.
+
+    What has been measured of the clocks is subtracted, and nothing is rounded to what is usual.
+    """
+    rng = np.random.default_rng(seed)
+    epoch = 1_700_000_000_000_000_000
+    measured = epoch + np.arange(0, 20_000_000_000, 40_000_000)
+    lateness = np.rint(1e9 * (0.001 + late * rng.random(len(measured)) ** 3)).astype(np.int64)
+    # the least late of the topics tells the difference of the clocks
+    hardly = np.full(len(measured), 2_000_000)
+
+    def on_clock(moved: int) -> list[FloatArray]:
+        stamps = [
+            (measured + lateness, measured + moved),
+            (measured + hardly, measured + moved),
+            (measured + 5_000_000, np.zeros_like(measured)),
+        ]
+        timed, _ = on_one_clock(["/odom", "/joint_states", "/cmd_vel"], stamps)
+        first = int(timed[0].ns[0])
+        return [(topic.ns - first).astype(np.float64) * 1e-9 for topic in timed]
+
+    here = on_clock(0)
+    there = on_clock(round(shift * 1000.0) * 1_000_000)
+    for ours, theirs in zip(here, there, strict=True):
+        assert np.abs(ours - theirs).max() < 1e-5
+    # commands are late by their own writing, less the least that was seen
+    assert np.abs(here[2] - here[1]).max() < 0.01
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ simulation's runs slower than the time of writing. What has no stamps is brought
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -24,6 +25,9 @@ _STEADY = 0.5
 _LATE_SHARE = 0.1
 """Share of messages that may be written that late, as those are that are kept for later [1]."""
 _NO_STAMPS = "the messages have no stamps"
+_PROMPT = 98.0
+"""Percentile of a topic's stamps less its times of writing that stands for the difference of the
+two clocks: writing is never early, and single stamps may be wrong."""
 _PAIRS = 4
 """Pairs of samples that are this part of a topic apart tell the rate of its clock."""
 
@@ -60,6 +64,11 @@ class _Clock(NamedTuple):
         origin = self.written[0]
         at = (written - origin).astype(np.float64)
         return np.interp(at, (self.written - origin).astype(np.float64), self.ahead)
+
+    @property
+    def least_late(self) -> float:
+        """How far the stamps are ahead of writing where that was hardly late [s]."""
+        return float(np.percentile(self.ahead, _PROMPT))
 
     @property
     def rate(self) -> float:
@@ -118,6 +127,8 @@ def on_one_clock(
         told = [jumps if k in clocks else _NO_STAMPS for k in range(len(stamps))]
         return [_written(w, w, what) for (w, _), what in zip(stamps, told, strict=True)], ""
     first = clocks[lead]
+    # that of the clocks themselves: each topic is written late in its own way, and none early
+    ahead = max(clocks[k].least_late for k in sharing[lead])
     sentence = ""
     if abs(first.rate - 1.0) * float(np.ptp(first.written)) * 1e-9 > _SAME_CLOCK:
         sentence = (
@@ -128,7 +139,7 @@ def on_one_clock(
     timed = []
     for k, (written, header) in enumerate(stamps):
         if k not in clocks:
-            timed.append(_written(written, _brought(written, first), _NO_STAMPS))
+            timed.append(_written(written, _bring_onto(written, first, ahead), _NO_STAMPS))
         elif k in sharing[lead] and first.goes_with(clocks[k]):
             timed.append(Timed(header != 0, clocks[k].header))
         else:
@@ -148,11 +159,15 @@ def _believed(clock: _Clock, sharing: int) -> bool:
     return not clock.jumps
 
 
-def _brought(at: Stamps, clock: _Clock) -> Stamps:
-    """Return the (K,) stamps by another topic's clock of what was written `at`."""
+def _bring_onto(at: Stamps, clock: _Clock, ahead: float) -> Stamps:
+    """Return the (K,) stamps by another topic's clock of what was written `at`.
+
+    A clock that keeps its distance is `ahead` of writing by that many seconds.
+    """
     if np.ptp(np.percentile(clock.ahead, (2.0, 98.0))) < _STEADY:
         # so that late writing of that topic moves nothing
-        return at + round(float(np.median(clock.ahead))) * 1_000_000_000
+        whole = math.floor(ahead)
+        return at + whole * 1_000_000_000 + round((ahead - whole) * 1e9)
     x = (clock.written - clock.written[0]).astype(np.float64)
     y = np.maximum.accumulate(clock.header - clock.header[0]).astype(np.float64)
     t = (at - clock.written[0]).astype(np.float64)
@@ -175,4 +190,6 @@ def _corrected(name: str, kept: BoolArray, clock: _Clock, first: _Clock) -> Time
         )
         return Timed(kept, clock.header - round(usual * 1e9), fault=fault)
     remark = "the messages' clock jumps, or runs at another rate than that of the other topics"
-    return Timed(kept, _brought(clock.written, first), remark, f"{name}: {remark}")
+    return Timed(
+        kept, _bring_onto(clock.written, first, first.least_late), remark, f"{name}: {remark}"
+    )

@@ -359,3 +359,19 @@ def test_local_metres_agree_with_the_ellipsoid(
         distance, abs=1e-6 + 2.0 * distance**2 * 5.7 / 6.37e6
     )
     assert x[0] == y[0] == 0.0
+
+
+def test_stamps_that_stand_still_are_no_clock(tmp_path: Path) -> None:
+    """Times of writing count then, which is said; without these either nothing moves."""
+    messages: list[Message] = []
+    for k in range(40):
+        messages += [
+            ("/odom", 0.05 * k, make.odometry(0.0, (0.1 * k, 0.0, 0.0), 2.0, 0.0)),
+            ("/joint_states", 0.05 * k, make.joints(0.0, {"left_wheel": 9.0, "right_wheel": 9.0})),
+        ]
+    log = read_log(write(tmp_path, "mcap", messages))
+    np.testing.assert_allclose(log.groups["wheels"].t, 0.05 * np.arange(40), atol=1e-6)
+    assert any("equal, so the times of writing count" in remark for remark in log.remarks)
+    at_once = [(name, 0.0, made) for name, _, made in messages]
+    with pytest.raises(FileError, match="all messages have one and the same time"):
+        read_log(write(tmp_path, "mcap", at_once, name="at_once"))

@@ -25,6 +25,7 @@ _STEADY = 0.5
 _LATE_SHARE = 0.1
 """Share of messages that may be written that late, as those are that are kept for later [1]."""
 _NO_STAMPS = "the messages have no stamps"
+_FROZEN = "the stamps of all messages are equal"
 _PROMPT = 98.0
 """Percentile of a topic's stamps less its times of writing that stands for the difference of the
 two clocks: writing is never early, and single stamps may be wrong."""
@@ -108,11 +109,11 @@ def on_one_clock(
         stamps: of each topic the (N,) times of writing and the (N,) stamps of its messages, 0 for
             none [ns].
     """
+    without = {k: why for k, (_, header) in enumerate(stamps) if (why := _why_not(header))}
     clocks = {}
     for k, (written, header) in enumerate(stamps):
-        has = header != 0
-        if 2 * np.count_nonzero(has) > len(has):
-            clocks[k] = _Clock(written[has], header[has])
+        if k not in without:
+            clocks[k] = _Clock(written[header != 0], header[header != 0])
     sharing = {}
     for k, clock in clocks.items():
         sharing[k] = [j for j, other in clocks.items() if clock.is_shared(other)]
@@ -124,7 +125,7 @@ def on_one_clock(
     lead = max(clocks, key=rank, default=-1)
     if lead < 0 or not _believed(clocks[lead], len(sharing[lead])):
         jumps = "the clock of the messages jumps"
-        told = [jumps if k in clocks else _NO_STAMPS for k in range(len(stamps))]
+        told = [without.get(k, jumps) for k in range(len(stamps))]
         return [_written(w, w, what) for (w, _), what in zip(stamps, told, strict=True)], ""
     first = clocks[lead]
     # that of the clocks themselves: each topic is written late in its own way, and none early
@@ -138,13 +139,21 @@ def on_one_clock(
         )
     timed = []
     for k, (written, header) in enumerate(stamps):
-        if k not in clocks:
-            timed.append(_written(written, _bring_onto(written, first, ahead), _NO_STAMPS))
+        if k in without:
+            timed.append(_written(written, _bring_onto(written, first, ahead), without[k]))
         elif k in sharing[lead] and first.goes_with(clocks[k]):
             timed.append(Timed(header != 0, clocks[k].header))
         else:
             timed.append(_corrected(names[k], header != 0, clocks[k], first))
     return timed, sentence
+
+
+def _why_not(header: Stamps) -> str:
+    """Return why stamps, 0 for none, are no clock; empty where they may be one."""
+    has = header[header != 0]
+    if 2 * len(has) <= len(header):
+        return _NO_STAMPS
+    return _FROZEN if len(has) > 1 and not np.ptp(has) else ""
 
 
 def _written(written: Stamps, ns: Stamps, remark: str) -> Timed:

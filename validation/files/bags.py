@@ -209,8 +209,8 @@ def read_bag(path: Path, options: ReadOptions, radius: float | None = None) -> L
             cannot be used.
     """
     topics, clock = read_topics(path, options)
-    ends = {t for topic in topics if len(topic.t) > 1 for t in (topic.t[0], topic.t[-1])}
-    if len(ends) == 1:
+    longest = max((topic.t for topic in topics), key=len, default=np.empty(0))
+    if len(longest) > 1 and longest[0] == longest[-1]:
         raise FileError(path, "all messages have one and the same time, so nothing moves")
     finite = {topic.name: _finite(topic) for topic in topics}
     able = [topic for topic, _ in finite.values()]

@@ -239,25 +239,17 @@ _BATCH = 32  # points of a batch; of 8, 16 and 32 the fastest for 2500 samples
 _DEEP = 128  # room for nodes that wait, two of each level at most: more than any tree in memory has
 
 
-class _Box(NamedTuple):
-    """A rectangle with sides along the axes."""
-
-    low_x: float  # [m], as all
-    high_x: float
-    low_y: float
-    high_y: float
-
-
-_EMPTY = _Box(math.inf, -math.inf, math.inf, -math.inf)
+_Box = tuple[float, float, float, float]
+"""The least and greatest x, and the least and greatest y of points [m]."""
+_EMPTY: _Box = (math.inf, -math.inf, math.inf, -math.inf)
 """A box without points."""
 
 
 @jit
 def _stretch(box: _Box, x: float, y: float) -> _Box:
     """Return the least box that holds a box and a point."""
-    low_x = min(box.low_x, x)
-    low_y = min(box.low_y, y)
-    return _Box(low_x, max(box.high_x, x), low_y, max(box.high_y, y))
+    low_x, high_x, low_y, high_y = box
+    return min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
 
 
 @jit
@@ -319,8 +311,9 @@ def _grow(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
 @jit
 def _gap(node: FloatArray, box: _Box) -> float:
     """Return the square of the distance between a node's box, a row, and another one [m^2]."""
-    gap_x: float = max(max(node[0] - box.high_x, box.low_x - node[1]), 0.0)
-    gap_y: float = max(max(node[2] - box.high_y, box.low_y - node[3]), 0.0)
+    low_x, high_x, low_y, high_y = box
+    gap_x: float = max(max(node[0] - high_x, low_x - node[1]), 0.0)
+    gap_y: float = max(max(node[2] - high_y, low_y - node[3]), 0.0)
     return gap_x * gap_x + gap_y * gap_y
 
 

@@ -52,37 +52,29 @@ _NO_CONSTANT = (
 _ROBUST = 0.3
 
 
-class _ReadingRule(NamedTuple):
-    """An assumption about the tyres, and about what a log shows of the motors' currents."""
-
-    name: str  # name in tables
-    kind: str  # whose current it is: `motor` or `battery`
-    numbers: Mapping[str, tuple[float, float, float]]
-    """Start, least and greatest value of what is fitted, by name; those of `_SIDES` in units of the
-    currents' scale."""
-
-
 _SIDES = {
     "friction": (1.0, 0.02, 10.0),
     "loss_left": (0.1, -1.0, 2.0),
     "loss_right": (0.1, -1.0, 2.0),
 }
 _GIVING = {**_SIDES, "slip_scale": (0.09, 0.01, 0.8)}
-_READING_RULES = (
-    _ReadingRule("the motors', Coulomb contacts", "motor", _SIDES),
-    _ReadingRule("the motors', contacts that give way", "motor", _GIVING),
-    _ReadingRule(
-        "the motors', shown while the bridge drives",
+_Bounds = Mapping[str, tuple[float, float, float]]
+_READING_RULES: Mapping[str, tuple[str, _Bounds]] = {
+    "the motors', Coulomb contacts": ("motor", _SIDES),
+    "the motors', contacts that give way": ("motor", _GIVING),
+    "the motors', shown while the bridge drives": (
         "motor",
         {**_GIVING, "rho": (0.145, 0.03, 0.5)},
     ),
-    _ReadingRule(
-        "the battery's",
+    "the battery's": (
         "battery",
         {**_GIVING, "heat": (0.003, 0.0, 0.1), "efficiency": (0.9, 0.4, 1.0)},
     ),
-)
-"""Every rule that a log is tried against. The third is for sensors without a sign."""
+}
+"""Every rule that a log is tried against, an assumption about the tyres and about what a log shows
+of the motors' currents, by its name in tables: whose current it is, `motor` or `battery`; and the
+start, least and greatest value of what is fitted, by name, those of `_SIDES` in units of the
+currents' scale. The third is for sensors without a sign."""
 
 
 def _side_currents(numbers: FitNumbers, rates: FloatArray, vehicle: Vehicle) -> FloatArray:
@@ -108,14 +100,15 @@ def _predicted(
     return forward if sensor.signed else np.abs(forward)
 
 
-def _fit_rule(rule: _ReadingRule, some: MotorSamples, sensor: Sensor, vehicle: Vehicle) -> Estimate:
+def _fit_rule(rule: str, some: MotorSamples, sensor: Sensor, vehicle: Vehicle) -> Estimate:
     """Return the numbers of a rule that predict the samples best; outliers count less."""
+    kind, bounds = _READING_RULES[rule]
     known = np.isfinite(some.currents)
     currents = some.currents[known]
     unit = float(np.percentile(np.abs(currents), 90))
-    if rule.kind == "battery":
+    if kind == "battery":
         unit *= float(np.median(some.voltages) / np.percentile(np.abs(some.rates[known]), 75))
-    numbers = dict(rule.numbers)
+    numbers = dict(bounds)
     for name in _SIDES:
         start, low, high = numbers[name]
         numbers[name] = (unit * start, unit * low, unit * high)
@@ -166,18 +159,18 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
         "held_out": judged,
         "samples": rows if sensor.kind == "windows" else judged,
     }
-    tried = list[tuple[_ReadingRule, FitNumbers, dict[str, Any]]]()
-    for rule in _READING_RULES:
-        if not (sensor.signed and "rho" in rule.numbers):
+    tried = list[tuple[FitNumbers, dict[str, Any]]]()
+    for rule, (kind, bounds) in _READING_RULES.items():
+        if not (sensor.signed and "rho" in bounds):
             own = _fit_rule(rule, fitted, sensor, vehicle).values
             explained = {
                 part: _explained(own, some, sensor, vehicle) for part, some in parts.items()
             }
-            tried.append((rule, own, {"rule": rule.name, "kind": rule.kind, **explained}))
-    rule, own, best = max(tried, key=lambda one: one[2]["held_out"])
-    found = _fit_rule(rule, steady_samples(log)[1], sensor, vehicle)
+            tried.append((own, {"rule": rule, "kind": kind, **explained}))
+    own, best = max(tried, key=lambda one: one[1]["held_out"])
+    found = _fit_rule(best["rule"], steady_samples(log)[1], sensor, vehicle)
     shown = [(some.currents, _predicted(own, some, sensor, vehicle)) for some in (fitted, judged)]
-    return CurrentFit(sensor, found, best, [row for _, _, row in tried], shown)
+    return CurrentFit(sensor, found, best, [row for _, row in tried], shown)
 
 
 def _explained(numbers: FitNumbers, some: MotorSamples, sensor: Sensor, vehicle: Vehicle) -> float:

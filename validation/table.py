@@ -8,7 +8,7 @@ if __name__ == "__main__":
     end_quietly()
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import tyro
 from validation import cli
 from validation.output import Document, write_text
 from validation.report.columns import NOTHING
-from validation.report.report import Report
+from validation.report.report import Report, Writers
 from validation.report.table import Row, Table
 
 _SHOWN = (
@@ -77,7 +77,7 @@ class SideBySide(Report):
         """Return the schema."""
         return {"schema": "ssmr.table/1"}
 
-    def files(self) -> dict[str, Callable[[Path], object]]:
+    def files(self) -> Writers:
         """Return writers of the text and of the table as CSV, in SI units."""
         text = self.frame().to_csv(index=False, lineterminator="\n")
         return {**super().files(), "table.csv": lambda path: write_text(path, text)}

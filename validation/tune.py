@@ -9,7 +9,7 @@ if __name__ == "__main__":
 
 import datetime
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -62,6 +62,7 @@ from validation.output import Document, Progress, one_line
 from validation.plants.profile import Profile, choose_profile, odometry_of
 from validation.plants.table import SIMULATED
 from validation.report import drawing
+from validation.report.report import Writers
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
 from validation.workers import threads_of
@@ -73,10 +74,19 @@ if TYPE_CHECKING:
 _SIMULATED_SIZE = JdeSettings(24, 20)
 # a cost that the tuning has not seen which is so many times that of before is worth a sentence
 _WORSE = 1.1
-_SHOWN = ("d_rms_m", "sync_rms_m", "d_haus_m", "thesis_cost")  # in the table of references
+_SHOWN = ("cost", "d_rms_m", "sync_rms_m", "d_haus_m", "thesis_cost")  # in the table of references
+_OF_A_SET = (
+    *("profile", "robot", "cost_name", "cost", "baseline", "baseline_cost"),
+    *("seed", "evaluations", "generations"),
+)
+"""Keys of the document that a set of gains keeps."""
 HELD_OUT = ("line", "circle", "generic", "slalom", "square", "u-turn", "stop-and-go")
 """References that a tuning is judged on unless others are named: paths of every kind, without those
 that it is tuned on, at the greatest speed that it is tuned on."""
+
+Drives = Mapping[str, Mapping[str, Followed]]
+"""Runs by reference, speed and plant (`generic at 0.25 m/s, improved`), and by gains: `tuned`,
+`baseline` and, where these are others, `shipped`."""
 
 
 @dataclass(frozen=True)
@@ -172,16 +182,15 @@ class Tuned(SearchReport):
     shipped_cost: float
     """Cost of the gains that are shipped; infinite where they lose a reference, NaN where there are
     none."""
-    train: Mapping[str, Mapping[str, Followed]]
-    """Runs by reference, speed and plant (`generic at 0.25 m/s, improved`), and by gains: `tuned`,
-    `baseline` and, where these are others, `shipped`."""
-    held_out: Mapping[str, Mapping[str, Followed]]
+    train: Drives
+    """Runs along the references of the tuning."""
+    held_out: Drives
     """The same along references that the tuning has not seen."""
-    judged: Mapping[str, Mapping[str, Followed]]
+    judged: Drives
     """The same of MuJoCo's robot along the references of the tuning, if it was not among them."""
 
     @property
-    def _all_runs(self) -> dict[str, Mapping[str, Followed]]:
+    def _all_runs(self) -> Drives:
         """The runs of all references."""
         return {**self.train, **self.held_out, **self.judged}
 
@@ -209,15 +218,14 @@ class Tuned(SearchReport):
             r = runs["tuned"]
             if not r.run.lost:
                 followed[label] = {"d_rms_m": r.metrics["d_rms_m"], "cost": r.metrics["cost"]}
-        kept = ["profile", "robot", "cost_name", "cost", "baseline"]
-        kept += ["baseline_cost"] if math.isfinite(self.baseline_cost) else []
-        kept += ["seed", "evaluations", "generations"]
         document = self.document()
+        if math.isinf(self.baseline_cost):
+            del document["baseline_cost"]
         provenance = {
             "tuned_on": list(self.train),
             "searched": [p.name for p in self.parameters],
             "by_hand": self._held,
-            **{key: document[key] for key in kept},
+            **{key: document[key] for key in _OF_A_SET if key in document},
             "status": self.status,
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "options": {key: value for key, value in self.options.items() if value is not None},
@@ -227,7 +235,7 @@ class Tuned(SearchReport):
         source = f"tuned by validation.tune on {', '.join(self.train)}"
         return GainSet(self.problem.base.controller, self.name, self.gains, provenance, source)
 
-    def files(self) -> dict[str, Callable[[Path], object]]:
+    def files(self) -> Writers:
         """Return functions that write its files: gains.toml and tune.png."""
         gains = dump_gains(self.gain_set)
         return {"gains.toml": lambda path: output.write_text(path, gains), **super().files()}
@@ -240,11 +248,11 @@ class Tuned(SearchReport):
     def document(self) -> Document:
         """Return the document of tune.json without tables; null stands for an infinite number."""
 
-        def runs(cases: Mapping[str, Mapping[str, Followed]]) -> Document:
-            out: Document = {}
+        def runs(cases: Drives) -> Document:
+            rows = Document()
             for label, rated in cases.items():
-                out[label] = {name: {**r.metrics, "lost": r.run.lost} for name, r in rated.items()}
-            return out
+                rows[label] = {name: {**r.metrics, "lost": r.run.lost} for name, r in rated.items()}
+            return rows
 
         return {
             "schema": "ssmr.tune/1",
@@ -269,15 +277,13 @@ class Tuned(SearchReport):
         """Return the parameters, and the runs along all references."""
         base = one_line(self.problem.base.name)
         held = " · ".join(f"{name} {self.gains[name]:.4g}" for name in self._held)
-        rows: list[Row] = []
+        rows = list[Row]()
         drives = (("", self.train), ("held out: ", self.held_out), ("", self.judged))
         for lead, cases in drives:
             for label, runs in cases.items():
                 for name, rated in runs.items():
-                    row: Document = {"reference": f"{lead}{label}", "gains": name}
-                    for key in ("cost", *_SHOWN):
-                        row[key] = None if rated.run.lost else rated.metrics[key]
-                    rows.append(row)
+                    shown = {k: None if rated.run.lost else rated.metrics[k] for k in _SHOWN}
+                    rows.append({"reference": f"{lead}{label}", "gains": name, **shown})
         caption = f"{base} costs {self.baseline_cost:.4g}\nheld: {held or 'none'}"
         return [
             self.values("gain", "baseline", caption),

@@ -61,6 +61,10 @@ class Run:
         return document
 
 
+Runs = Mapping[str, Run]
+"""Runs by plant."""
+
+
 def drive(
     plant: Plant,
     piece: Piece,

@@ -88,6 +88,10 @@ class Scores:
         return document
 
 
+ScoresByPlant = Mapping[str, Scores]
+"""Scores by the plant's name."""
+
+
 def headline_horizon(horizons: Iterable[float]) -> float | None:
     """Return the horizon closest to `HEADLINE_HORIZON` [s]; None if there are no horizons."""
     return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)

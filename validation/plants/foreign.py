@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 
 from ssmr.types import Plant
 from validation.descriptions.foreign_robot import ForeignRobot, read_foreign
 from validation.descriptions.own_plant import OwnNumbers, OwnPlant
-from validation.plants.kind import SEEN, Occasion, PlantKind, PlantProfile
+from validation.plants.kind import SEEN, Free, PlantKind, PlantProfile
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
 
 _BODY = ("friction", "rolling", "com_x", "com_y")
-_FREE: Mapping[Occasion, tuple[str, ...]] = {
+_FREE: Free = {
     "scenario": (*_BODY, "command_half_track"),
     "commands": (*_BODY, "delay", "acceleration_v", "acceleration_w", *SEEN),
     "wheels": (*_BODY, *SEEN),

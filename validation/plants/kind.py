@@ -21,6 +21,8 @@ from validation.simulator.description import Robot
 Occasion = Literal["scenario", "commands", "wheels"]
 """Occasion of a fit: to a plant's motion in a scenario, or to a log whose commands or wheel rates
 drive the plant."""
+Free = Mapping[Occasion, tuple[str, ...]]
+"""Names of the numbers that a fit moves unless the user says otherwise, by its occasion."""
 
 SEEN = ("tracked_x", "tracked_yaw", "position_late", "yaw_late")
 """Numbers of the localiser that a fit to a log has to find, whatever drives the plant."""
@@ -167,7 +169,7 @@ class PlantKind:
     """Function that returns the parameters of a robot that nothing was fitted to."""
     build: Callable[..., Plant]
     """Function that builds the plant from its numbers, its ground and its physics settings."""
-    free: Mapping[Occasion, tuple[str, ...]]
+    free: Free
     """Names of the numbers that a fit moves unless the user says otherwise."""
     colour: str = "#808080"
     """Colour in pictures and recordings, as #rrggbb."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,7 +21,7 @@ from ssmr.types import FloatArray
 from validation.plants.kind import (
     CAUSES,
     SEEN,
-    Occasion,
+    Free,
     PlantKind,
     PlantProfile,
     Stretch,
@@ -43,7 +43,7 @@ _CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
 """Numbers of the kinematic model's centres of rotation."""
 _CENTRAL = 1e-6
 """Distance of the weight from the middle over the wheelbase, up to which it is in the middle."""
-_KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
+_KINEMATIC: Free = {
     "scenario": (*_CENTRES, "x_icr"),
     # x_icr and tracked_x are one number to a recording
     "commands": (*_CENTRES, "drift", *_DRIVEN, "wheel_lag", *SEEN),
@@ -61,7 +61,7 @@ _TYRES = (
     "com_y",
 )
 """Numbers of a body on four tyres."""
-_TYRED_FREE: Mapping[Occasion, tuple[str, ...]] = {
+_TYRED_FREE: Free = {
     "scenario": CAUSES,
     "commands": (*_TYRES, *_DRIVEN, "wheel_lag", *SEEN),
     "wheels": (*_TYRES, *SEEN),
@@ -160,7 +160,7 @@ def declare(name: str) -> PlantKind:
         )
     law = planar_law(name)
     searched = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
-    free: Mapping[Occasion, tuple[str, ...]] = {
+    free: Free = {
         "scenario": (*searched, *_READ_OFF),
         "commands": (
             *searched,

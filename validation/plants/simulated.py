@@ -5,21 +5,19 @@ ODE and Drake have the same numbers.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from ssmr.types import Plant
 from validation.engines.body import MakeBody
 from validation.engines.drake import DrakeBody
 from validation.engines.ode import OdeBody
 from validation.engines.plant import EnginePlant
-from validation.plants.kind import CAUSES, SEEN, Occasion, PlantKind, PlantProfile
+from validation.plants.kind import CAUSES, SEEN, Free, PlantKind, PlantProfile
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
 _BODY = ("friction", "wheel_radius", "radius_difference", "com_x", "com_y")
-_FREE: Mapping[Occasion, tuple[str, ...]] = {
+_FREE: Free = {
     "scenario": CAUSES,
     "commands": (*_BODY, "delay", "acceleration_v", "acceleration_w", "wheel_lag", *SEEN),
     "wheels": (*_BODY, *SEEN),

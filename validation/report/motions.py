@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations, pairwise, product, zip_longest
@@ -19,8 +19,8 @@ from ssmr.metrics.windows import (
 )
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gyro import GyroJudge
-from validation.experiment.runs import Run
-from validation.experiment.scores import Scores, headline_horizon, standing_sentences
+from validation.experiment.runs import Runs
+from validation.experiment.scores import Scores, ScoresByPlant, headline_horizon, standing_sentences
 from validation.experiment.sources import RECORDING, Source
 from validation.output import Document, one_line
 from validation.plants.profile import Profile
@@ -78,6 +78,14 @@ _HEALTH = (
     "peak torque: largest motor torque on one side",
     "load sum rms: rms difference between the total wheel load and the weight",
 )
+_LOAD_COLUMNS = {
+    "at_rest_N": "static_N",
+    "mean_N": "mean_N",
+    "least_N": "lowest_N",
+    "greatest_N": "highest_N",
+    "off_ground_share": "off_ground_share",
+}
+"""Columns of the loads of wheels, and what they are of a run's loads."""
 _HEALTH_COLUMNS = ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "verdict")
 
 
@@ -95,9 +103,9 @@ class Motions(Report):
     """Name of the reference plant, or `recording`."""
     truth: tuple[Trajectory, ...]
     """The reference's motion, piece by piece."""
-    runs: Mapping[str, Run]
+    runs: Runs
     """Runs by plant, in the order of all tables; the reference plant is among them."""
-    scores: Mapping[str, Scores]
+    scores: ScoresByPlant
     """Their errors, by plant."""
     seed: int
     """Seed of noise and disturbance."""
@@ -364,7 +372,7 @@ def interval_table(
     return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
 
 
-def _band_table(scores: Mapping[str, Scores]) -> Table:
+def _band_table(scores: ScoresByPlant) -> Table:
     """Shares of windows at whose end the robot was inside the plants' bands, and their scores."""
     rows: list[Row] = []
     for h in sorted(set().union(*(r.held for r in scores.values()))):
@@ -384,7 +392,7 @@ def _band_table(scores: Mapping[str, Scores]) -> Table:
     )
 
 
-def _load_table(runs: Mapping[str, Run]) -> Table:
+def _load_table(runs: Runs) -> Table:
     rows = []
     captions = []
     for name, result in runs.items():
@@ -392,17 +400,8 @@ def _load_table(runs: Mapping[str, Run]) -> Table:
         if loads is None:
             continue
         for i, wheel in enumerate(WHEELS):
-            rows.append(
-                {
-                    "plant": name,
-                    "wheel": wheel.replace("_", " "),
-                    "at_rest_N": loads["static_N"][i],
-                    "mean_N": loads["mean_N"][i],
-                    "least_N": loads["lowest_N"][i],
-                    "greatest_N": loads["highest_N"][i],
-                    "off_ground_share": loads["off_ground_share"][i],
-                }
-            )
+            shown = {key: loads[kept][i] for key, kept in _LOAD_COLUMNS.items()}
+            rows.append({"plant": name, "wheel": wheel.replace("_", " "), **shown})
         captions.append(
             f"{name}: rms {loads['static_rms_N']:.1f} N from the loads at rest, "
             f"{loads['quasi_static_rms_N']:.1f} N from quasi-static load transfer"
@@ -410,7 +409,7 @@ def _load_table(runs: Mapping[str, Run]) -> Table:
     return Table("Wheel loads", rows, "\n".join(captions), "plant")
 
 
-def _health_table(runs: Mapping[str, Run]) -> Table:
+def _health_table(runs: Runs) -> Table:
     rows = []
     for name, result in runs.items():
         h = result.health
@@ -420,9 +419,7 @@ def _health_table(runs: Mapping[str, Run]) -> Table:
     return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
 
 
-def indistinguishable_pairs(
-    scores: Mapping[str, Scores], gyro_first: bool = False
-) -> Document | None:
+def indistinguishable_pairs(scores: ScoresByPlant, gyro_first: bool = False) -> Document | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
     Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`,
@@ -458,7 +455,7 @@ def indistinguishable_pairs(
     return alike
 
 
-def alike_sentences(scores: Mapping[str, Scores], alike: Document | None) -> list[str]:
+def alike_sentences(scores: ScoresByPlant, alike: Document | None) -> list[str]:
     """Return sentences on the plants that a recording tells apart, and on those that it does not.
 
     `alike` is the result of `indistinguishable_pairs`.
@@ -484,7 +481,7 @@ def alike_sentences(scores: Mapping[str, Scores], alike: Document | None) -> lis
     return sentences
 
 
-def _point_sentences(runs: Mapping[str, Run]) -> list[str]:
+def _point_sentences(runs: Runs) -> list[str]:
     """Return a sentence that says at which points of the robots the paths are taken."""
     points = {name: r.localiser.point for name, r in runs.items()}
     if not np.any(list(points.values())):
@@ -496,7 +493,7 @@ def _point_sentences(runs: Mapping[str, Run]) -> list[str]:
     ]
 
 
-def health_warnings(runs: Mapping[str, Run]) -> list[str]:
+def health_warnings(runs: Runs) -> list[str]:
     """Return a sentence for each plant with whose physics something is wrong."""
     warnings = []
     for name, result in runs.items():

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+Writers = dict[str, Callable[[Path], object]]
+"""Functions that write files at a path, by the name of the file."""
 _log = logging.getLogger(__name__)
 _LONGEST = 200
 """Greatest length of an error's text in a warning."""
@@ -150,7 +152,7 @@ class Report:
             shown["text/html"] += image_html(png, self.title)
         return shown
 
-    def files(self) -> dict[str, Callable[[Path], object]]:
+    def files(self) -> Writers:
         """Return writers of the files beside its JSON file, by name."""
         writers = {"png": self._save_picture, "md": self._save_text, "rrd": self.record}
         return {f"{self.program}.{ending}": writers[ending] for ending in self.endings}

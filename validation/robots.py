@@ -220,14 +220,18 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     foreign = None if draft is None else draft.foreign
     robot = _loaded(o.robot) if draft is None else draft.robot
     findings = static_findings(robot, foreign)
-    is_mjcf = foreign is not None and foreign.kind == "mjcf"
-    if o.write is not None and not is_mjcf:
-        raise ValueError("--write goes with an MJCF, whose physics are in its file; ROBOT is none")
-    if is_mjcf and o.engine != "mujoco":
-        raise ValueError(f"--engine {o.engine}: an MJCF is driven by the engine that it is of")
-    if foreign is not None and is_mjcf:
+    if foreign is not None and foreign.kind == "mjcf":
+        if o.engine != "mujoco":
+            raise ValueError(f"--engine {o.engine}: an MJCF is driven by the engine that it is of")
         examined = examine_foreign(foreign, findings)
-        _save_mended(examined.mended, o.write)
+        # trials know its motors better than numbers alone
+        findings = [finding for finding in findings if finding.kind != "motor_weak"]
+        if o.write is not None and examined.mended is None:
+            raise ValueError(f"--write {o.write}: no change helps, so there is nothing to write")
+        if o.write is not None and examined.mended is not None:
+            _save(examined.mended, o.write, "--write")
+    elif o.write is not None:
+        raise ValueError("--write goes with an MJCF, whose physics are in its file; ROBOT is none")
     elif o.engine != "mujoco":
         examined = examine_in_engine(robot, foreign, o.engine)
     else:
@@ -236,8 +240,6 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     kinds = {finding.kind for finding in examined.findings if finding.before is not None}
     findings = [f for f in findings if f.kind not in kinds]
     findings += examined.findings
-    if is_mjcf:
-        findings = [f for f in findings if f.kind != "motor_weak" or f.before is not None]
     findings.sort(key=lambda finding: finding.severity)
     report = RobotCheck(
         title=one_line(robot.title or robot.name),
@@ -248,15 +250,6 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         remarks=[] if draft is None else draft.remarks,
     )
     return report if report.ok else replace(report, failure=SsmrError(_verdict(robot, findings)))
-
-
-def _save_mended(text: str | None, target: Path | None) -> None:
-    """Write an MJCF with the changes that help."""
-    if target is None:
-        return
-    if text is None:
-        raise ValueError(f"--write {target}: no change helps, so there is nothing to write")
-    _save(text, target, "--write")
 
 
 def _verdict(robot: Robot, findings: Sequence[Finding]) -> str:

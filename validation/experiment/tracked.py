@@ -145,7 +145,7 @@ class Followed:
     """The reference at the ticks of the run."""
     metrics: Metrics
     """Metrics by name, see `TRACK_METRICS`; of a tuning the `cost`, too."""
-    options: Mapping[str, object]
+    options: Document
     """Feedback, disturbance, look-ahead, periods and limits."""
     wall_s: float = 0.0
     """Time that simulating took [s]."""
@@ -166,13 +166,12 @@ class Followed:
         }
 
 
-def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]:
+def saturated(run: ClosedRun, limits: Document) -> NDArray[np.bool_]:
     """Return (M,) whether a torque or a command was at its limit, by the options of a result."""
     at_limit = np.zeros(len(run.t), dtype=np.bool_)
     for name, columns in _LIMITED.items():
-        limit = limits.get(name)
-        if isinstance(limit, int | float):
-            at_limit |= (np.abs(run.columns(*columns)) >= _AT_LIMIT * limit).any(axis=1)
+        limit = limits.get(name, math.inf)
+        at_limit |= (np.abs(run.columns(*columns)) >= _AT_LIMIT * limit).any(axis=1)
     return at_limit
 
 
@@ -186,7 +185,7 @@ def reference_of(run: ClosedRun, waypoints: Waypoints, *, whole: bool = False) -
     return Trajectory(full.t[:n], full.pose[:n], full.twist[:n], full.wheels[:n])
 
 
-def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, object]) -> Metrics:
+def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Document) -> Metrics:
     """Return the metrics of a run; one that was lost is compared with the whole reference.
 
     What comes behind the reference's end counts only for where the robot rests.
@@ -208,10 +207,8 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
         return float(np.sqrt(np.mean(np.square(run.column(name)))))
 
     def number(name: str, default: float) -> float:
-        value = limits.get(name)
-        if isinstance(value, int | float) and math.isfinite(value):
-            return float(value)
-        return default
+        value: float = limits.get(name, default)
+        return value if math.isfinite(value) else default
 
     along = np.cumulative_sum(waypoints.lengths, include_initial=True)
     aims = np.interp(run.t, waypoints.t - waypoints.t[0], along)

@@ -86,8 +86,7 @@ def _velocities(
 
 def _true_errors(robots: Sequence[Followed], name: str, unit: Unit) -> list[Curve]:
     """Return an error of the robots themselves, not of what they see, and what it should reach."""
-    lookahead = robots[0].options.get("lookahead_m")
-    goal = lookahead if name == "e_rho" and isinstance(lookahead, int | float) else 0.0
+    goal = robots[0].options.get("lookahead_m", 0.0) if name == "e_rho" else 0.0
     t = longest_target(robots).t[[0, -1]]
     curves: list[Curve] = [(t, np.full(2, goal * unit.scale), {**REFERENCE_LOOK, "gid": "goal"})]
     for r in robots:

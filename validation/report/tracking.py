@@ -190,15 +190,13 @@ class Tracked(Report):
         notes = [*super().notes(), *self.remarks]
         for r in self.robots:
             notes += _striking(r)
-        begin = self.options.get("start")
-        if isinstance(begin, list) and any(begin):
-            x, y, yaw = begin
+        x, y, yaw = self.options.get("start", (0.0, 0.0, 0.0))
+        if x or y or yaw:
             notes.append(
                 f"The robot begins {math.hypot(x, y):.3g} m from the start of the reference "
                 f"and turned by {math.degrees(yaw):.3g} degrees."
             )
-        lookahead = self.options.get("lookahead_m")
-        if isinstance(lookahead, float) and lookahead > 0.0:
+        if (lookahead := self.options.get("lookahead_m", 0.0)) > 0.0:
             notes.append(
                 f"The robot keeps {lookahead:g} m behind its target by intention: "
                 "e_rho should become that, not zero."

@@ -22,6 +22,7 @@ from validation.experiment.loops import (
     open_path,
 )
 from validation.experiment.tracked import Followed, reference_of, track_metrics
+from validation.output import Document
 from validation.plants.profile import choose_profile
 from validation.report.report import INTERRUPTED
 from validation.report.tracking import Tracked
@@ -312,7 +313,7 @@ def control(options: Control) -> Tracked:
         options=conditions,
         wall_s=loop.drove,
     )
-    about: dict[str, Any] = {"status": status, "failure": StoppedError(why) if why else None}
+    about: Document = {"status": status, "failure": StoppedError(why) if why else None}
     return Tracked.of(
         [followed],
         law.name,
@@ -361,7 +362,7 @@ def _remarks(follower: PathFollower, status: str) -> list[str]:
     return remarks
 
 
-def _conditions(o: Control, follower: PathFollower) -> dict[str, object]:
+def _conditions(o: Control, follower: PathFollower) -> Document:
     """Return the conditions of a drive for its report."""
     return {
         "feedback": f"{o.feedback} by ROS",

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import numpy as np
 import tyro
@@ -81,7 +81,7 @@ from validation.identify.targets import (
     worse_sentences,
 )
 from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty, estimate, sentences
-from validation.output import Progress, file_name, one_line, shortened
+from validation.output import Document, Progress, file_name, one_line, shortened
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import find, make_space, split_by_log, with_values
@@ -265,7 +265,7 @@ class Fitted(SearchReport):
         parameters = self.parameters
         errors = {p.name: p.standard_error for p in parameters if p.standard_error is not None}
         earlier = self.base.provenance.get(self.model)
-        fits: dict[str, Any] = {}
+        fits: Document = {}
         if isinstance(earlier, Mapping):
             fits = {kind: earlier[kind] for kind in get_args(Occasion) if kind in earlier}
         occasion = _occasion_of(self.asked)
@@ -300,7 +300,7 @@ class Fitted(SearchReport):
         """Return first whether the fit is worse than what was before."""
         return list(dict.fromkeys([*self.worse, *super().notes()]))
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the document of fit.json without its tables."""
         correlation = None
         if self.correlation is not None:
@@ -339,7 +339,7 @@ class Fitted(SearchReport):
         """Return the parameters, the scores on each source, and the errors by horizon of logs."""
         scores = []
         for name, s in self._named:
-            row: dict[str, Any] = {"source": name}
+            row: Document = {"source": name}
             for key in _SHOWN:
                 row[key] = s.metrics[key]
             if "torque_rms_N_m" in s.metrics:

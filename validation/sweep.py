@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from ssmr.errors import SsmrError
-from validation.output import Progress, Progressing, one_line, silent
+from validation.output import Document, Progress, Progressing, one_line, silent
 from validation.report.report import FINISHED, INTERRUPTED
 from validation.workers import completed
 
@@ -20,7 +20,7 @@ Measure = Callable[[Variant], Mapping[str, Any]]
 class Swept:
     """Result of a sweep."""
 
-    rows: Sequence[dict[str, Any]]
+    rows: Sequence[Document]
     """A row for each variant that was measured, in the order of the variants, its name in the
     column `variant`."""
     notes: Sequence[str] = field(default_factory=tuple)
@@ -55,7 +55,7 @@ def sweep(
         KeyboardInterrupt: it was pressed before the first variant was finished.
     """
     failures: dict[str, Exception] = {}
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, Document] = {}
     status = FINISHED
     calls = [(name, variant, measures) for name, variant in variants.items()]
     try:
@@ -76,9 +76,9 @@ def sweep(
 
 def _row_of(
     name: str, variant: Any, measures: Mapping[str, Measure[Any]]
-) -> tuple[dict[str, Any], dict[str, Exception]]:
+) -> tuple[Document, dict[str, Exception]]:
     """Return the columns of a variant, and the errors of the measures that failed."""
-    row: dict[str, Any] = {"variant": name}
+    row: Document = {"variant": name}
     failures: dict[str, Exception] = {}
     for drive, measure in measures.items():
         try:

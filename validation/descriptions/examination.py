@@ -22,7 +22,7 @@ from validation.descriptions.mjcf_text import Edits, MjcfText
 from validation.descriptions.own_findings import own_findings
 from validation.descriptions.own_robot import LOADS, OwnRobot
 from validation.descriptions.trials import examine, in_words
-from validation.output import one_line
+from validation.output import Document, one_line
 from validation.simulator.calibration import Calibration
 from validation.simulator.checking import spot_turn
 from validation.simulator.description import GRAVITY, ROTOR_SHARE, Robot, free_drive
@@ -62,7 +62,7 @@ class Examined(NamedTuple):
     """The file with the changes that help; None where there are none."""
 
 
-def own_physics(measures: Mapping[str, Any]) -> dict[str, Any]:
+def own_physics(measures: Mapping[str, Any]) -> Document:
     """Return what robot.json says of a robot with its own physics or in another engine."""
     numbers = {key: measures.get(key) for key in _KEYS}
     return {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import tomli_w
@@ -19,7 +19,7 @@ from ssmr.types import FloatArray
 from validation import output
 from validation.descriptions.foreign_robot import LEAST_MASS, ForeignRobot, read_foreign
 from validation.descriptions.gazebo import driver_sizes
-from validation.output import one_line
+from validation.output import Document, one_line
 from validation.simulator.checking import spot_turn, turning_torque
 from validation.simulator.description import (
     SCHEMA,
@@ -122,9 +122,9 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
     return RobotDraft(robot, heading + text, remarks)
 
 
-def _document(name: str, description: str, entries: Entries) -> dict[str, Any]:
+def _document(name: str, description: str, entries: Entries) -> Document:
     """Return the content of the file, as TOML has it; numbers have nine digits."""
-    document: dict[str, Any] = {"schema": SCHEMA, "name": name}
+    document: Document = {"schema": SCHEMA, "name": name}
     if description:
         document["description"] = description
     sources = {}

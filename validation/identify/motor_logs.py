@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -15,6 +15,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import CURRENTS, VOLTAGES, Commands, FloatArray, State, Trajectory
 from validation.files.formats import read_log
 from validation.files.log import Log
+from validation.output import Document
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile
 from validation.simulator.description import GRAVITY
@@ -142,7 +143,7 @@ class DriveLog:
         )
 
     def _part(self, which: str, rows: slice) -> DriveLog:
-        columns: dict[str, Any] = {
+        columns: Document = {
             name: value[..., rows]
             for name, value in vars(self).items()
             if isinstance(value, np.ndarray)

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.search import Search
 from validation.identify.uncertainty import Uncertainty
-from validation.output import one_line, shortened
+from validation.output import Document, one_line, shortened
 from validation.report import drawing
 from validation.report.drawing import ALARM, Ink, PanelRow
 from validation.report.report import FINISHED, INTERRUPTED, Report
@@ -188,7 +188,7 @@ class SearchReport(Report, ABC):
         done = f"{c.evaluations} candidates in {c.jde.generation} generations"
         return f"{least} · {done} · {c.wall_s:.1f} s · stopped by {c.stopped_by}"
 
-    def searched(self) -> dict[str, Any]:
+    def searched(self) -> Document:
         """Return the common part of the JSON files of fits and tunings."""
         c = self.course
         history = c.jde.history

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from validation import cli, output
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS, Corrected, Remembered, arrivals
 from validation.identify.tuning import TuneProblem
-from validation.output import Progress
+from validation.output import Document, Progress
 
 _CHECKPOINT = "checkpoint.npz"
 """Name of the file in the results' folder that keeps a search's state."""
@@ -127,7 +127,7 @@ class Searching(cli.Common):
         given = {name: getattr(self, name) for name in _SIZES}
         return replace(usual, **{name: size for name, size in given.items() if size is not None})
 
-    def chosen(self, settings: JdeSettings) -> dict[str, Any]:
+    def chosen(self, settings: JdeSettings) -> Document:
         """Return the options that decide numbers, with the sizes that the search had."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _LEFT_OUT}
         return values | {name: getattr(settings, name) for name in _SIZES}

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ssmr.types import FloatArray
 from validation.learning.batch import TrackBatch
 from validation.learning.episodes import TrackTask
+from validation.output import Document
 from validation.simulator.composing import compose_robot
 from validation.simulator.description import Robot
 
@@ -61,15 +62,15 @@ class TrackEnv(gymnasium.Env):
         self.observation_space, self.action_space = _spaces_of(self.batch)
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[FloatRow, dict[str, Any]]:
+        self, *, seed: int | None = None, options: Document | None = None
+    ) -> tuple[FloatRow, Document]:
         """Begin an episode; a seed decides it and all that follow. There are no options."""
         super().reset(seed=seed)
         if seed is not None:
             self.batch.seed(0, seed)
         return _as_shares(self.batch, self.batch.reset())[0], {}
 
-    def step(self, action: Any) -> tuple[FloatRow, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[FloatRow, float, bool, bool, Document]:
         """Advance by 50 ms; the info has `away`, the distance from the target [m].
 
         Raises:
@@ -139,8 +140,8 @@ class TrackVectorEnv(VectorEnv):
         self,
         *,
         seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[FloatRow, dict[str, Any]]:
+        options: Document | None = None,
+    ) -> tuple[FloatRow, Document]:
         """Begin an episode in every row; a seed, or one for each row, decides all that follow."""
         super().reset(seed=seed if isinstance(seed, int) else None)
         first = range(seed, seed + self.num_envs) if isinstance(seed, int) else seed or ()
@@ -149,7 +150,7 @@ class TrackVectorEnv(VectorEnv):
                 self.batch.seed(row, own)
         return _as_shares(self.batch, self.batch.reset()), {}
 
-    def step(self, actions: Any) -> tuple[FloatRow, FloatArray, Any, Any, dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[FloatRow, FloatArray, Any, Any, Document]:
         """Advance every row by 50 ms; the info has `away`, the distances from the targets [m].
 
         Raises:

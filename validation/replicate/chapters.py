@@ -16,7 +16,7 @@ import numpy as np
 
 from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
-from validation.output import Progressing, markdown
+from validation.output import Document, Progressing, markdown
 from validation.replicate.verdicts import JudgedRow, Rows, judged_rows
 from validation.report.columns import Unit, ending_of
 from validation.report.drawing import PanelRow
@@ -165,7 +165,7 @@ def unit_of_metric(metric: str) -> str:
     return "m" if metric.endswith("_m") else "1"
 
 
-def finished_results(report: Report) -> dict[str, Any]:
+def finished_results(report: Report) -> Document:
     """Return a search's results as its JSON file has them; Ctrl-C in it is one here."""
     found = report.as_dict()
     if found["status"] == INTERRUPTED:
@@ -249,7 +249,7 @@ def _verdict_reason(row: JudgedRow) -> str:
     return f"{row.whole.reason}{source}"
 
 
-def _number_columns(row: JudgedRow, metric: str) -> dict[str, Any]:
+def _number_columns(row: JudgedRow, metric: str) -> Document:
     """Columns of one number of a row."""
     pair = row.pairs[metric]
     limits = zip(("least", "most"), row.criterion.within.get(metric, ()), strict=False)

@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from validation.engines.ode_library import ode
 from validation.engines.plant import EnginePlant
 from validation.experiment.runs import drive
 from validation.experiment.sources import open_source
+from validation.output import Document
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate import published
 from validation.replicate.chapters import Findings, Section, Task, standard_deviation, swept_rows
@@ -171,7 +171,7 @@ def _repeat_gazebo(task: Task) -> Findings:
     rows["box"]["times_the_others"] = Pair(None, wheel, "words", beside={"world": world})
     beside_rows = []
     for law, direction in cases:
-        row: dict[str, Any] = {"friction model": law, "direction": _DIRECTIONS[direction]}
+        row: Document = {"friction model": law, "direction": _DIRECTIONS[direction]}
         for name, shown in _SHOWN.items():
             scale = 0.01 if name == "speed_excess" else 1.0
             values = scale * found[name][law, direction]

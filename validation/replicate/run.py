@@ -6,14 +6,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from validation import cli
-from validation.output import Progress
+from validation.output import Document, Progress
 from validation.replicate.chapters import (
     QUICK,
     Chapter,
@@ -121,7 +120,7 @@ class Replication(Report):
             notes.append(f"Unexplained: {', '.join(self.unexplained)}.")
         return notes
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return what replicate.json has besides its notes."""
         return {
             "schema": "ssmr.replicate/1",
@@ -239,7 +238,7 @@ def _leading_text(
     if unexplained:
         explained = f"Unexplained: {', '.join(unexplained)}."
     haste = " It was made with `--quick`: fewer generations and seeds, so less can be concluded."
-    words: dict[str, Any] = {
+    words: Document = {
         "quick": haste if quick else "",
         "unexplained": explained,
         "missing": f"Left out: {', '.join(missing)}." if missing else "",
@@ -259,9 +258,9 @@ def _leading_text(
     return read_template("lead").format_map(words).strip()
 
 
-def _tables_of(rows: Sequence[JudgedRow]) -> dict[str, Any]:
+def _tables_of(rows: Sequence[JudgedRow]) -> Document:
     """Return the tables by number as replicate.json has them."""
-    tables: dict[str, Any] = {}
+    tables: Document = {}
     for row in sorted(rows, key=lambda row: order_of(row.table)):
         table = tables.setdefault(row.table, {"rows": {}, "verdicts": {}})
         table["rows"][row.name] = {metric: _row_entry(row, metric) for metric in row.pairs}
@@ -276,9 +275,9 @@ def _verdict_entry(verdict: Verdict) -> dict[str, str]:
     return {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
 
 
-def _row_entry(row: JudgedRow, metric: str) -> dict[str, Any]:
+def _row_entry(row: JudgedRow, metric: str) -> Document:
     pair = row.pairs[metric]
-    entry: dict[str, Any] = {
+    entry: Document = {
         "published": pair.published,
         "ours": pair.ours,
         "unit": pair.unit,

@@ -27,7 +27,7 @@ from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 from validation.files import reading
-from validation.output import one_line
+from validation.output import Document, one_line
 
 SCHEMA = "ssmr.robot/1"
 """Kind and version of a robot's file."""
@@ -195,10 +195,10 @@ class Robot:
         """Whether this is one of the robots that come with the package."""
         return _loaded.get(self.name) == self
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> Document:
         """Return the content of the robot's file, as `parse_robot` reads it."""
         texts = {key: getattr(self, key) for key in _TEXTS if getattr(self, key)}
-        document: dict[str, Any] = {"schema": SCHEMA, **texts}
+        document: Document = {"schema": SCHEMA, **texts}
         for key in self.given:
             section, _, name = key.partition(".")
             value = self.number(key)
@@ -396,13 +396,13 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
         ValueError: it says something that cannot be; the message names section and key.
     """
     found = reading.typed({"schema": None, **document}, _KINDS)
-    texts: dict[str, Any] = {key: one_line(found.get(key, "")) for key in _TEXTS}
+    texts: Document = {key: one_line(found.get(key, "")) for key in _TEXTS}
     name = texts["name"]
     if not name.replace("-", "").replace("_", "").isalnum():
         raise ValueError(f"name is '{name}', wanted letters, digits, '-' and '_'")
     given = {section: _section(found.get(section, {}), section) for section in SECTIONS}
     texts["mjcf"] = _mjcf_path(texts["mjcf"], folder)
-    own: dict[str, Any] = {"sources": _sources(found.get("sources", {})), **texts}
+    own: Document = {"sources": _sources(found.get("sources", {})), **texts}
     for section in ("geometry", "mass", "simulation"):
         own |= given[section]
     robot = Robot(**own)
@@ -416,7 +416,7 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
         "half_track": 0.5 * robot.track,
         "effective_half_track": robot.turning_half_track,
     }
-    parts: dict[str, Any] = {}
+    parts: Document = {}
     for section, usual in (("drive", free_drive(robot)), ("vehicle", Vehicle(**planar))):
         try:
             parts[section] = replace(usual, **given[section])
@@ -471,7 +471,7 @@ def _filled(
     return tuple(filled)
 
 
-def _complete_body(robot: Robot) -> dict[str, Any]:
+def _complete_body(robot: Robot) -> Document:
     """Return the hull; what is not given fits between the tyres."""
     length = robot.wheelbase + robot.wheel_radius
     width = 0.9 * max(robot.track - robot.wheel_width, 0.01)
@@ -486,7 +486,7 @@ def _complete_body(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _complete_masses(robot: Robot) -> dict[str, Any]:
+def _complete_masses(robot: Robot) -> Document:
     """Return masses and inertia; what is not given follows from the sizes."""
     wheel = robot.wheel_mass or 0.036 * robot.mass
     base = robot.mass - len(WHEELS) * wheel
@@ -508,7 +508,7 @@ def _complete_masses(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _complete_motors(robot: Robot) -> dict[str, Any]:
+def _complete_motors(robot: Robot) -> Document:
     """Return motors and time step; what is not given follows from the robot's size."""
     radius2 = robot.wheel_radius**2
     armature = robot.armature or ROTOR_SHARE * robot.mass * radius2
@@ -536,11 +536,11 @@ def _kind(f: Field[Any]) -> Any:
     return Annotated[reading.TomlNumber, Meta(description=f"a number [{declared.unit}]")]
 
 
-def _section(section: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _section(section: Mapping[str, Any], name: str) -> Document:
     """Return the numbers of one section by field, each of the type that its field has."""
     kinds = {key: _kind(f) for key, f in SECTIONS[name].items()}
     values = reading.typed(section, kinds, name)
-    given: dict[str, Any] = {}
+    given: Document = {}
     for key, f in SECTIONS[name].items():
         declared = declaration(f)
         if key in values:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from ssmr.types import FloatArray, Trajectory
+from validation.output import Document
 from validation.simulator.description import GRAVITY
 
 LIFT_SHARE = 0.02
@@ -38,7 +38,7 @@ _PUSH_TIME = 2.0
 """Time for which the robot is pushed [s]; the second half gives the acceleration."""
 
 
-Health = dict[str, Any]
+Health = Document
 """Verdict on a run's physics, as JSON files have it.
 
 - `lowest_load_share`: least load of any wheel over that wheel's mean [1]; 0 where a wheel lifted.

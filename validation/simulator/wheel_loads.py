@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from ssmr.robot.ground import LoadModel
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, State, Trajectory
+from validation.output import Document
 from validation.simulator.description import WHEELS
 from validation.simulator.health import LIFT_SHARE
 from validation.simulator.model import GRAVITY
@@ -59,7 +59,7 @@ def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localis
     return replace(motion, channels={**motion.channels, QUASI_STATIC: loads})
 
 
-def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> dict[str, Any]:
+def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> Document:
     """Return what the wheels carried over all pieces, each with both channels.
 
     `static` are the (4,) loads at rest on level ground [N]. Lists are in the order of `WHEELS`:

@@ -31,6 +31,7 @@ from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSett
 from validation.engines.plant import EnginePlant
 from validation.experiment.runs import drive
 from validation.experiment.sources import Piece, open_source
+from validation.output import Document
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.report import drawing
@@ -265,7 +266,7 @@ class Trial:
     def spot(self) -> Row:
         """Measures of whole turns on the spot."""
         measured = measure_spin(spin(self.plant()), self.uncorrected.calibration)
-        row: dict[str, Any] = {
+        row: Document = {
             "ripple_share": measured.get("ripple"),
             "glide_share": measured["glide"],
         }
@@ -371,7 +372,7 @@ def study_contact(o: ContactStudy) -> Study:
     )
 
 
-def _changes_of(setting: Setting) -> dict[str, Any]:
+def _changes_of(setting: Setting) -> Document:
     """Physics settings that are given, and the numbers of the robot that change."""
     physics = {} if setting.physics is None else asdict(setting.physics)
     return {k: v for k, v in physics.items() if v is not None} | dict(setting.robot)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,7 +25,7 @@ from validation.identify.motor_logs import (
     drive_log,
     require_currents,
 )
-from validation.output import Progress
+from validation.output import Document, Progress
 from validation.plants.profile import choose_profile
 from validation.report import drawing
 from validation.report.report import FINISHED, INTERRUPTED
@@ -298,7 +297,7 @@ def _draw_rates(driver: DriverFit, ax: Axes) -> None:
     t, logged, predicted = driver.shown
     begin = float(t[np.abs(logged).any(axis=0)][0])
     inside = (t >= begin) & (t < begin + _SHOWN)
-    look: dict[str, Any] = {"color": "0.55", "linewidth": 3.5, "alpha": 0.6}
+    look: Document = {"color": "0.55", "linewidth": 3.5, "alpha": 0.6}
     ax.plot(t[inside], logged[:, inside].T, gid="logged", label=["as logged", "_"], **look)
     for side, name in enumerate(("left", "right")):
         ax.plot(t[inside], predicted[side, inside], gid="predicted", label=f"predicted, {name}")

@@ -29,6 +29,7 @@ from validation.identify.motor_logs import (
     driven_rates,
     require_currents,
 )
+from validation.output import Document
 from validation.study.drivetrain_logs import HELD, held_commands, rate_step
 
 LEAST_COMMANDS = 8
@@ -131,7 +132,7 @@ class DriverFit(NamedTuple):
 
     whole: CommandLog  # the log that it was fitted to
     found: Estimate  # numbers of `DriverLaw`, from all of the log
-    scores: list[dict[str, Any]]
+    scores: list[Document]
     """Rows: errors on each part; on the log's own last third, where it is held out, of a driver
     fitted to the rest."""
     rms: float  # root mean square error on all that was held out [rad/s]
@@ -159,7 +160,7 @@ def fit_driver(
         fitted, *judges = (CommandLog(part, chassis, LEAST_COMMANDS // 2) for part in log.divided())
         law = DriverLaw(**fitted.fit().values)
     tried = [CommandLog(other, chassis) for other in others if held_commands(other)]
-    scores: list[dict[str, Any]] = [
+    scores: list[Document] = [
         {
             "log": case.log.name,
             "held_out": case in judges,

@@ -37,7 +37,7 @@ from validation.experiment.loops import (
 from validation.experiment.tracked import track_metrics
 from validation.experiment.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TARGET_SHARE, TuneCost, costs_of
-from validation.output import shortened
+from validation.output import Document, shortened
 from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing
 from validation.report.table import Row, Table
@@ -257,7 +257,7 @@ def resampled_intervals(
     return ends
 
 
-def cost_agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> dict[str, Any]:
+def cost_agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> Document:
     """Return how a model's costs agree with the true ones.
 
     That is `tau`, the rank correlation; `chosen`, the column of the choice; its `regret`; and
@@ -288,7 +288,7 @@ def cost_agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> dict[
 
 def _list_findings(
     profile: Profile, contenders: Contenders, drives: Sequence[Row], seed: int
-) -> dict[str, Any]:
+) -> Document:
     """Findings as study.json has them, from rows of `reference`, `speed_m_s` and `scores`."""
     names = list(contenders)
 
@@ -362,7 +362,7 @@ def _make_tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     costs = []
     for name in _ranked_names(result):
         by_plant = {plant: found["contenders"][name] for plant, found in plants.items()}
-        row: dict[str, Any] = {"controller": name}
+        row: Document = {"controller": name}
         row |= {f"{plant}_m": each["metres"] for plant, each in by_plant.items()}
         judged = by_plant[JUDGE]
         row |= {f"{JUDGE}_low_m": judged["metres_low"], f"{JUDGE}_high_m": judged["metres_high"]}

@@ -35,7 +35,7 @@ VARIED = {
     "improved": ("mass", "yaw_inertia", "u_x", "mu_d", "mu_s", "effective_half_track", *SHARED[:4]),
 }
 """Numbers of each plant; those in one text are changed together."""
-VARIANTS = {
+VARIANTS: dict[str, tuple[str, str, tuple[tuple[float, float], ...]]] = {
     f"{plant}: {names}": (plant, names, TENTH) for plant in VARIED for names in VARIED[plant]
 }
 VARIANTS |= {

@@ -396,8 +396,9 @@ PRICES = {
     "validation/cli": Price(
         6_800,
         4,
-        27,
-        "how texts of options are read and options checked, exit status, progress; "
+        28,
+        "how texts of options are read and options checked, with annotations for all that is "
+        "accepted; exit status, progress; "
         "a run is repeated by its file; help and completion have each text in one line and no "
         "default that says nothing; tyro has the rest",
     ),

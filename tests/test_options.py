@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 import pytest
+from typeguard import CollectionCheckStrategy, check_type
 
 from ssmr.types import State
 from tests.appendices import is_there
@@ -20,6 +21,7 @@ from validation.calibrate import calibrate
 from validation.cli.options import kinds_of
 from validation.compare import Compare, compare
 from validation.files.limits import USUAL
+from validation.files.log import ReadOptions
 from validation.fit import fit
 from validation.plants.profile import load_profile, make_plant
 from validation.plants.table import PLANTS
@@ -98,6 +100,29 @@ def test_a_text_is_what_the_command_line_makes_of_it() -> None:
         (2.0, 6.0),
     )
     assert made(Compare, plants=["linear"], seed=np.int64(3)).plants == ("linear",)
+
+
+GIVEN = (
+    *("mujoco", "2,6", "0,0.5,0.5", "a=1", "a=1:2", "yaw=b:deg", "gap=1e4", "ramp:5", "profile"),
+    *(Path("runs/x"), ["linear"], ("linear",), [2.0, 6.0], [0.0, 0.5, 0.5], [Path("a.csv")]),
+    *({"a": 1.0}, {"a": "b"}, 3, 0.5, True, None),
+)
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=lambda kind: kind.__name__)
+def test_an_annotation_is_as_wide_as_what_is_accepted(options: Any) -> None:
+    accepted = 0
+    # how logs are read is checked where it is declared
+    reading = kinds_of(ReadOptions)
+    for name, kind in kinds_of(options).items():
+        for given in GIVEN if name not in reading else ():
+            try:
+                made(options, **{name: given})
+            except ValueError:
+                continue
+            accepted += 1
+            check_type(given, kind, collection_check_strategy=CollectionCheckStrategy.ALL_ITEMS)
+    assert accepted > 5
 
 
 @pytest.mark.parametrize(

@@ -123,7 +123,7 @@ def test_help_is_about_options_alone(
         cli.parse(command, words, ["--help"])
     text = capsys.readouterr().out
     assert "-h, --help" in text
-    for noise in ("Raises", "Returns", "Args:", "(default: )", "(default: None)", "False)"):
+    for noise in ("Raises", "Returns", "Args:", "(default: )", "None)", "False)", "tyro"):
         assert noise not in text, noise
 
 

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import tyro
@@ -76,7 +76,7 @@ _DRIVER = (
 class Calibrate(cli.Common, ReadOptions):
     """Options of `calibrate`."""
 
-    logs: tyro.conf.Positional[Sequence[AnyLog]]
+    logs: tyro.conf.Positional[AnyLog | Sequence[AnyLog]]
     """Logs of the robot with poses, and with wheel rates, commands or both. Several are one body,
     each with a localiser of its own; LOG@GROUND shares friction and rolling resistance among the
     logs of a ground."""
@@ -85,7 +85,7 @@ class Calibrate(cli.Common, ReadOptions):
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml), from whose numbers fits change what
     the logs tell; if not given, the robot's own numbers, or husky-tile for a Husky."""
-    plants: tuple[str, ...] = (FIRST_FITTED, "mujoco")
+    plants: Sequence[str] = (FIRST_FITTED, "mujoco")
     """Plants to calibrate, separated by commas; kinematic is always among them."""
     held_out: AnyLog | None = None
     """Log to judge on, with the mean localiser of the others, which are fitted as a whole. The last
@@ -106,9 +106,14 @@ class Calibrate(cli.Common, ReadOptions):
         return Path("runs") / "calibrate" / self.label
 
     @property
+    def given(self) -> tuple[AnyLog, ...]:
+        """The logs as the user gave them."""
+        return cast(tuple[AnyLog, ...], self.logs)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The logs as the user named them."""
-        return tuple(map(log_name, self.logs))
+        return tuple(map(log_name, self.given))
 
     @property
     def label(self) -> str:
@@ -393,8 +398,7 @@ def calibrate(o: Calibrate) -> Calibrated:
     diff_drive.yaml for ros2_control, calibrate.md, calibrate.png and calibrate.json.
 
     Raises:
-        ValueError: a name or file that cannot be used, or a log whose columns contradict one
-            another.
+        ValueError: a name or file that cannot be used, or columns that contradict one another.
         SsmrError: a plant diverged.
     """
     if unknown := [name for name in o.plants if name not in PLANTS]:
@@ -402,8 +406,8 @@ def calibrate(o: Calibrate) -> Calibrated:
     profile = choose_profile(o.profile, o.robot, profile_of_log(o.names[0]))
     robot = profile.robot
     open_one = partial(open_log, options=o, radius=robot.wheel_radius)
-    names = distinct_names("calibrate", o.logs)
-    opened = dict(zip(names, map(open_one, map(without_ground, o.logs)), strict=True))
+    names = distinct_names("calibrate", o.given)
+    opened = dict(zip(names, map(open_one, map(without_ground, o.given)), strict=True))
     held = dict[str, Inspected]()
     if o.held_out is not None:
         name = log_name(o.held_out)
@@ -425,15 +429,13 @@ def calibrate(o: Calibrate) -> Calibrated:
     kinds: dict[Input, CommandKind] = {"wheels": "wheels", "commands": "twist"}
     sources = {each: _divided(opened, held, kinds[each]) for each in inputs}
     if o.profile is None and o.robot is None:
-        first = next(iter(opened))
-        whole = source_of(opened[first], split_ground(first)[0], kinds[inputs[0]])
+        whole = source_of(opened[names[0]], split_ground(names[0])[0], kinds[inputs[0]])
         unknown = unknown_robot_notes(whole, robot)
         for warning in unknown[1:]:
             cli.warn(warning)
         notes += unknown
-    judging = held or opened
-    way = _usual_way([each.common for each in judging.values()])
-    fits = _fits(o, profile, sources, way)
+    judging = [each.common for each in (held or opened).values()]
+    fits = _fits(o, profile, sources, _usual_way(judging))
     unseen = sources[inputs[0]][1][0]
     kept = compare(
         replace(unseen, name=split_ground(unseen.name)[0]),
@@ -525,7 +527,7 @@ def _fits(
                 f"{', '.join(o.names)}: nothing is left to judge on; name a log with --held-out"
             )
         if wider := _wider(done):
-            options = replace(options, bounds={**options.bounds, **wider})
+            options = replace(options, bounds={**cli.read_value(options.bounds), **wider})
             done = run_fit(options, lambda warning: None)
             names = ", ".join(wider)
             moved = f"{names} hit a bound, which was moved once, and the fit repeated"

@@ -68,7 +68,7 @@ class Compare(cli.Filmed, ReadOptions):
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab for
     scenarios, a shipped log's own, else husky-tile, and for another --robot the numbers of its
     file."""
-    plants: tuple[str, ...] = USUAL_PLANTS
+    plants: Sequence[str] = USUAL_PLANTS
     """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong
     name lists all names."""
     reference: str | None = None
@@ -78,7 +78,7 @@ class Compare(cli.Filmed, ReadOptions):
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
     input: Literal["commands", "wheels"] = "commands"
     """Signal of the recording that drives the plants: its commands, or its measured wheel rates."""
-    horizons: tuple[float, ...] = (2.0, 6.0, 30.0, 60.0)
+    horizons: Sequence[float] | str = (2.0, 6.0, 30.0, 60.0)
     """Times after which the poses of plant and recording are compared [s]."""
     since: Annotated[float | None, tyro.conf.arg(name="from")] = None
     """Leave out what was recorded before this time [s]."""
@@ -94,7 +94,7 @@ class Compare(cli.Filmed, ReadOptions):
     """See the plants through the lab's state filter: at 50 Hz, with its noise."""
     disturbance: bool = False
     """Push all plants with the same random yaw acceleration."""
-    terrain: Terrain = FLAT
+    terrain: Terrain | str = FLAT
     """Ground under the MuJoCo robot: flat, or ramp:DEG; docs/physics.md has more keys."""
     own_model: Annotated[PlanarLaw | str | None, tyro.conf.arg(name="model")] = None
     """A plant of your own: a PlanarLaw in a Python file, FILE.py:NAME, which is run."""
@@ -105,14 +105,14 @@ class Compare(cli.Filmed, ReadOptions):
         """Return the folder that the files are written to."""
         name = Path(source_name(self.source)).stem
         if self.terrain != FLAT:
-            name += "-" + self.terrain.spec.replace(":", "-")
+            name += "-" + cli.text_of(self.terrain).replace(":", "-")
         return Path("runs") / "compare" / file_name(name)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as compare.json has them; the seed stands beside them."""
         names = ("input", "horizons", "noise", "disturbance")
         options = {name: getattr(self, name) for name in names}
-        options["terrain"] = self.terrain.spec
+        options["terrain"] = cli.text_of(self.terrain)
         if self.adapt is not None:
             options["adapt"] = self.adapt
         if self.since is not None:
@@ -160,7 +160,7 @@ def compare(o: Compare) -> Comparison:
         if metric is not None:
             metrics = metric(metrics, motions, truth)
         band = profile.section(name).bands.get(o.input) if o.bands else None
-        horizons = o.horizons if recorded else ()
+        horizons = cli.read_value(o.horizons) if recorded else ()
         pieces = list(source.pieces)
         late = [run.localiser.yaw_late]
         if name in adapted:
@@ -183,7 +183,7 @@ def compare(o: Compare) -> Comparison:
         runs=runs,
         scores=scores,
         seed=o.seed,
-        terrain=o.terrain,
+        terrain=cli.read_value(o.terrain),
         gyro=gyro,
         remarks=[*doubts, *unknown, *_unjudged(o, scores, profile)],
     )
@@ -238,7 +238,8 @@ def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> d
     # in the order of tables, and then the robots of others
     ordered = [name for name in names if name in driven]
     ordered += sorted(driven - set(ordered))
-    return {name: make_plant(profile, name, o.terrain) for name in ordered}
+    terrain = cli.read_value(o.terrain)
+    return {name: make_plant(profile, name, terrain) for name in ordered}
 
 
 def _unknown_robot(o: Compare, source: Source, profile: Profile) -> list[str]:

@@ -124,7 +124,7 @@ class Fit(Searching, ReadOptions):
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
-    held_out: tuple[AnySource, ...] = ()
+    held_out: Sequence[AnySource] = ()
     """Sources to test on, separated by commas. A fitted recording stands for its parts outside
     --from and --until."""
     even_if_worse: bool = False
@@ -132,7 +132,7 @@ class Fit(Searching, ReadOptions):
     than before the fit."""
     own_model: Annotated[PlanarLaw | str | None, tyro.conf.arg(name="model")] = None
     """A plant of your own: a PlanarLaw in a Python file, FILE.py:NAME, which is run."""
-    guess: Literal["profile"] | Mapping[str, float] | None = None
+    guess: Literal["profile"] | Mapping[str, float] | str | None = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such
     as friction=0.4. If not given, for recordings the profile's, of mujoco and four_wheel without
     --free those that a kinematic fit finds; for scenarios all are drawn at random."""
@@ -140,7 +140,7 @@ class Fit(Searching, ReadOptions):
     """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative
     poses, seconds later). If not given, horizon for recordings; else sync for bodies on wheels,
     path for others."""
-    horizons: tuple[float, ...] = (2.0, 6.0)
+    horizons: Sequence[float] | str = (2.0, 6.0)
     """Horizons of the horizon objective [s]."""
     yaw_weight: float | None = None
     """Position error that counts as much as a radian of yaw error, in the sync and horizon
@@ -424,12 +424,13 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     is_default = o.profile is None and o.robot is None
     standard = "thesis-lab" if occasion == "scenario" else profile_of_log(o.names[0])
     base = choose_profile(o.profile, o.robot, standard)
-    held = {name: value for name, value in o.fix.items() if "@" in name}
-    fixed = {name: value for name, value in o.fix.items() if name not in held}
+    fix = cli.read_value(o.fix)
+    held = {name: value for name, value in fix.items() if "@" in name}
+    fixed = {name: value for name, value in fix.items() if name not in held}
     begun = with_values(o.model, base.section(o.model), list(fixed), fixed.values())
     tags = tags_of(o.names, list(map(source_name, o.held_out)))
     searched = _searched(o, kind.free[occasion] if o.free is None else o.free, tags)
-    space = make_space(o.model, searched, o.bounds, begun.robot)
+    space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = None
     if o.guess is not None or o.search == "lsq" or occasion != "scenario":
@@ -445,7 +446,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
         yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
     cost = FitCost(
         o.objective,
-        tuple(o.horizons),
+        tuple(cli.read_value(o.horizons)),
         yaw_weight,
         position_weight=o.position_weight,
         torque_weight=o.torque_weight,
@@ -494,7 +495,7 @@ def _held(
         held_out=tuple(opened[1]),
         since=None,
         until=None,
-        fix={**o.fix, **friction},
+        fix={**cli.read_value(o.fix), **friction},
         guess={name: value for name, value in guess.items() if name not in friction},
         search="lsq",
         out=None,

@@ -64,7 +64,7 @@ class LogOptions(cli.Options, ReadOptions):
     """Name of a shipped robot, or path of a robot's file (.toml)."""
     overwrite: bool = False
     """Replace a file that is there already."""
-    config: Path | None = None
+    config: cli.AnyPath = None
     """JSON file of a run of this program: its options hold where no others are given."""
 
     @property
@@ -96,7 +96,7 @@ class LogOptions(cli.Options, ReadOptions):
 class Info(LogOptions):
     """Options of `info`."""
 
-    json: Path | None = None
+    json: cli.AnyPath = None
     """JSON file to write the findings into as well."""
 
 
@@ -104,7 +104,7 @@ class Info(LogOptions):
 class Convert(LogOptions):
     """Options of `convert`."""
 
-    out: Path | None = None
+    out: cli.AnyPath = None
     """File to write; its ending says in which format. If not given, runs/recordings/SOURCE.csv."""
     rate: float | None = None
     """Samples a second, where it is another rate than the log's own."""
@@ -467,14 +467,14 @@ def _command(
 
     def main(o: Any) -> None:
         named = o.json if option == "--json" else o.out
-        target = named
+        target = None if named is None else Path(named)
         source = log_name(o.source)
-        if target is None and ending:
+        if target is not None:
+            check_apart(target, source)
+            _require_free(target, o.overwrite)
+            cli.require_writable(target.parent)
+        elif ending:
             target = Path("runs") / "recordings" / (file_name(Path(source).stem) + ending)
-        if named is not None:
-            check_apart(named, source)
-            _require_free(named, o.overwrite)
-            cli.require_writable(named.parent)
         info: LogReport = program.run(o)
         if target is not None:
             info.write(target)

@@ -88,13 +88,13 @@ class CheckRobot(cli.Common):
     robot: tyro.conf.Positional[str | Path | Robot]
     """Name of a robot that comes with the package, or path of a robot's file, a URDF, an SDF or an
     MJCF."""
-    controller: Path | None = None
+    controller: cli.AnyPath = None
     """YAML of the controller that drives a URDF, an SDF or an MJCF; the file's plugins if not
     given."""
     engine: Literal["mujoco", "ode", "drake"] = "mujoco"
     """Engine that turns a URDF, an SDF or a robot's file: ode has Gazebo's settings and the file's
     contacts. An MJCF has its own."""
-    write: Path | None = None
+    write: cli.AnyPath = None
     """File for an MJCF with the changes that help, and no other; there must be none of that
     name."""
 
@@ -229,7 +229,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         if o.write is not None and examined.mended is None:
             raise ValueError(f"--write {o.write}: no change helps, so there is nothing to write")
         if o.write is not None and examined.mended is not None:
-            _save(examined.mended, o.write, "--write")
+            _save(examined.mended, Path(o.write), "--write")
     elif o.write is not None:
         raise ValueError("--write goes with an MJCF, whose physics are in its file; ROBOT is none")
     elif o.engine != "mujoco":

@@ -38,7 +38,7 @@ class Side(cli.Common):
 
     files: tyro.conf.Positional[Sequence[Path]]
     """JSON files of runs, of one program or of several."""
-    columns: tuple[str, ...] = ()
+    columns: Sequence[str] = ()
     """Keys of the columns, such as d_rms_m or horizons.6.position_median_m; the usual ones of the
     program if not given. A key's beginning may be left out; a wrong one lists all."""
 

@@ -12,7 +12,7 @@ if __name__ == "__main__":
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -77,7 +77,7 @@ class TrackOptions(cli.Filmed):
     """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn,
     stop-and-go, long-line, each also with its speed, as eight@0.5; or a file of waypoints (.csv: x,
     y[, t]). Waypoints at one place are a wait."""
-    plant: tuple[str, ...] = ("improved",)
+    plant: Sequence[str] = ("improved",)
     """Plant that is the robot. Several, separated by commas, are driven one beside the other; the
     first one is the one that track.json reports."""
     profile: cli.AnyProfile = None
@@ -100,7 +100,7 @@ class TrackOptions(cli.Filmed):
     estimate of a state filter (EKF) on noisy encoders and gyro."""
     lookahead: float = 0.0
     """Distance at which the robot keeps behind its target (Sec. 4.5) [m]."""
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: tuple[float, float, float] | list[float] | str = (0.0, 0.0, 0.0)
     """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left
     [m], yaw [rad], such as 0,0.5,0.52."""
     no_noise: bool = False
@@ -114,7 +114,7 @@ class TrackOptions(cli.Filmed):
     not told."""
     late: float = 0.0
     """Time by which the robot answers later than its controller knows [s]."""
-    terrain: Terrain = FLAT
+    terrain: Terrain | str = FLAT
     """Ground under the MuJoCo robot: flat, or ramp:DEG; docs/physics.md has more keys."""
     own_metric: Annotated[Callable[..., float] | str | None, tyro.conf.arg(name="metric")] = None
     """A column of your own: a function in a Python file, FILE.py:NAME, which is run."""
@@ -122,7 +122,7 @@ class TrackOptions(cli.Filmed):
     def __post_init__(self) -> None:
         """Raise a ValueError for a feedback, a look-ahead or a start that cannot be."""
         super().__post_init__()
-        x, y, yaw = self.start
+        x, y, yaw = cli.read_value(self.start)
         distance = math.hypot(x, y)
         if not distance < LOST:
             raise ValueError(
@@ -189,12 +189,13 @@ def track(o: TrackOptions) -> Tracked:
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     law, gains = chosen_controller(controller, profile, o.gains)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    if o.terrain != FLAT and "mujoco" not in plants:
+    terrain = cli.read_value(o.terrain)
+    if terrain != FLAT and "mujoco" not in plants:
         raise ValueError(
-            f"terrain {o.terrain.spec} needs the plant mujoco: "
+            f"terrain {terrain.spec} needs the plant mujoco: "
             "the planar models know only level ground"
         )
-    robots = [make_robot(profile, name, o.terrain, o.late) for name in plants]
+    robots = [make_robot(profile, name, terrain, o.late) for name in plants]
     sentences: list[str | None] = []
     path = reference if isinstance(reference, Waypoints) else str(reference)
     label, waypoints, sentences[:] = open_path(path, o.speed, robots)
@@ -219,7 +220,7 @@ def track(o: TrackOptions) -> Tracked:
             tracked = replace(tracked, metrics=metrics)
         driven.append(tracked)
     if gains is not None and waypoints.duration <= SHORT:
-        late = make_robot(profile, plants[0], o.terrain, o.late + MORE_DELAY)
+        late = make_robot(profile, plants[0], terrain, o.late + MORE_DELAY)
         if isinstance(late.body, PlanarModel | MujocoPlant):
             remarks.append(_what_delay_does(driven[0], _driven(o, late, law, waypoints, label)))
     return Tracked.of(
@@ -230,7 +231,7 @@ def track(o: TrackOptions) -> Tracked:
         gains=gains,
         profile=profile,
         seed=o.seed,
-        terrain=o.terrain,
+        terrain=terrain,
         filter=_settings(o, robots[0]).filter_at_start(o.seed) if o.seen == "ekf" else None,
         remarks=remarks,
     )
@@ -269,7 +270,7 @@ def _driven(
     around = _settings(o, robot)
     # the start is seen from that of the reference
     at = waypoints.start
-    x, y, yaw = o.start
+    x, y, yaw = cli.read_value(o.start)
     dx, dy = map(float, rotate_body_to_world(np.array([x, y]), at.yaw))
     start = State(at.x + dx, at.y + dy, at.yaw + yaw)
     # the time of a run shall not contain that of compiling

@@ -96,19 +96,19 @@ class Tune(Searching):
     controller: tyro.conf.Positional[str]
     """Controller to tune: pid, lqr or lqr-scheduled, each also with +predictor behind its name, or
     mpc."""
-    reference: tuple[str, ...] = ("generic",)
+    reference: Sequence[str] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square,
     spiral, u-turn, stop-and-go, long-line, circle@0.5 with its speed, or waypoint files."""
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
     another --robot the numbers of its file."""
-    plant: tuple[str, ...] = ("improved",)
+    plant: Sequence[str] = ("improved",)
     """Plants that the controller must drive, separated by commas; the cost is the mean over all."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
     speed: float = 0.25
     """Speed of references that name none [m/s]."""
-    held_out: tuple[str, ...] | None = None
+    held_out: Sequence[str] | None = None
     """References to judge the gains on, in the form of --reference; others of every kind if not
     given."""
     no_noise: bool = False
@@ -333,7 +333,8 @@ def tune(o: Tune) -> Tuned:
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     base = _base_gains(o, profile)
     begun = None if o.from_scratch else base.values
-    space = make_tuning_space(o.controller, o.free, o.all, o.bounds, o.fix, begun)
+    bounds = cli.read_value(o.bounds)
+    space = make_tuning_space(o.controller, o.free, o.all, bounds, o.fix, begun)
     law = LAWS[o.controller]
     robots = [make_robot(profile, name) for name in o.plant]
     simulated = any(name in SIMULATED for name in o.plant)
@@ -374,7 +375,7 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
             raise ValueError(
                 f"{o.controller} has no gain '{name}'; there are: {', '.join(base.values)}"
             )
-    base = replace(base, values={**base.values, **o.fix})
+    base = replace(base, values={**base.values, **cli.read_value(o.fix)})
     # gains that no controller can have are refused before a search begins
     make_controller(profile, base)
     return base

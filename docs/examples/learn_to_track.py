@@ -17,6 +17,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from numpy.typing import NDArray
 
 from ssmr.control.law import EMPTY_MEMORY, Observation
 from ssmr.control.laws import Controller
@@ -76,7 +77,7 @@ class Policy:
 
 
 def episode_rewards(
-    batch: TrackBatch, act: Any, seeds: FloatArray
+    batch: TrackBatch, act: Any, seeds: NDArray[np.integer]
 ) -> tuple[FloatArray, FloatArray]:
     """Return (S,) mean reward of an episode a robot, and its mean distance to the target.
 

@@ -29,7 +29,7 @@ from validation.experiment.loops import make_controller
 from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
 
-TASK = {"profiles": "thesis-lab", "seconds": 8.0}
+TASK: dict[str, Any] = {"profiles": "thesis-lab", "seconds": 8.0}
 EPISODES = 64
 GAMMA = 0.98
 STEPS = 300_000

@@ -2,9 +2,11 @@
 
 from validation.cli.config import config_of as config_of
 from validation.cli.config import read_result as read_result
+from validation.cli.options import AnyPath as AnyPath
 from validation.cli.options import AnyProfile as AnyProfile
 from validation.cli.options import AnyRobot as AnyRobot
 from validation.cli.options import Options as Options
+from validation.cli.options import read_value as read_value
 from validation.cli.options import text_of as text_of
 from validation.cli.process import EXIT_FAULT as EXIT_FAULT
 from validation.cli.process import EXIT_INTERRUPTED as EXIT_INTERRUPTED

@@ -1,7 +1,7 @@
 """The options of a program: the fields of a frozen dataclass, given in Python or as texts.
 
 The docstrings below the fields are the help. tyro reads whole numbers, numbers, choices and flags;
-the other types, and how their texts are read, are in `_TEXTS`; a tuple of texts has commas.
+the other types, and how their texts are read, are in `_TEXTS`; a list of texts has commas.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ import re
 import reprlib
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, asdict, fields
 from functools import cache, partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -43,6 +44,8 @@ AnyRobot = Robot | str | Path | None
 """The robot: itself, its name or its path; None for that of the profile."""
 AnyProfile = Profile | str | Path | None
 """The plants' parameters: themselves, their name or their path."""
+AnyPath = str | Path | None
+"""The path of a file or a folder."""
 
 
 class Options:
@@ -80,15 +83,22 @@ def _admitted(value: Any, kind: Any) -> Any:
     if isinstance(value, Mapping):
         # JSON has no tuples
         return {name: _admitted(part, Any) for name, part in value.items()}
-    members = _members(kind)
-    if isinstance(value, str) and str not in members:
-        for member in members:
-            if value in typing.get_args(member):  # of a Literal
-                return value
-            if member is Path:
-                return Path(value)
-            if _form_of(member) is not None:
-                return _read(member, value)
+    if not isinstance(value, str) or value in chain(*map(_choices_of, _members(kind))):
+        return value
+    if kind == AnyPath:
+        return Path(value)
+    form = _form_of(kind)
+    if form is None:
+        return value
+    try:
+        return form[1](value)
+    except ValueError as error:
+        raise ValueError(f"'{shortened(value, 40)}' must be {form[0]}: {error}") from error
+
+
+def read_value(value: T | str) -> T:
+    """Return the value of an option, of which `Options` made a `T` if it was given as a text."""
+    assert not isinstance(value, str)
     return value
 
 
@@ -110,7 +120,7 @@ def _require(name: str, value: Any, kind: Any) -> None:
     parts = value if isinstance(value, tuple) else (value,)
     if any(isinstance(part, float) and math.isnan(part) for part in parts):
         raise ValueError(f"{name} is {value}, wanted a finite number")
-    if kind == tuple[float, ...] and [0.0, *parts] != sorted({0.0, *parts}):
+    if Sequence[float] in _members(kind) and [0.0, *parts] != sorted({0.0, *parts}):
         raise ValueError(f"{name} is {text_of(value)}, wanted positive numbers that increase")
 
 
@@ -163,7 +173,7 @@ def _column(text: str) -> tuple[str, str]:
 
 
 _TEXTS: Mapping[Any, tuple[str, Callable[[str], Any]]] = {
-    tuple[float, ...]: ("X,Y,...", _numbers),
+    Sequence[float]: ("X,Y,...", _numbers),
     tuple[float, float, float]: ("X,Y,YAW", _numbers),
     Mapping[str, float]: ("NAME=X,...", _pairs(float)),
     Mapping[str, tuple[float, float]]: ("NAME=LOW:HIGH,...", _pairs(_span)),
@@ -175,20 +185,25 @@ _TEXTS: Mapping[Any, tuple[str, Callable[[str], Any]]] = {
 """Form of the text of each type, and the function that reads it."""
 
 
+def _is_list(kind: Any) -> bool:
+    return typing.get_origin(kind) is Sequence
+
+
+def _choices_of(kind: Any) -> tuple[Any, ...]:
+    """Return the choices of a type; none of a type that has no list of them."""
+    return typing.get_args(kind) if typing.get_origin(kind) is typing.Literal else ()
+
+
 def _form_of(kind: Any) -> tuple[str, Callable[[str], Any]] | None:
     """Return the form of the text of a type, and the function that reads it; None without one."""
-    if typing.get_origin(kind) is tuple and str in _members(typing.get_args(kind)[0]):
-        return "A,B,...", _parts
-    return _TEXTS.get(kind)
-
-
-def _read(kind: Any, text: str) -> Any:
-    """Return the value of a text; a ValueError says which form it must have."""
-    form, read = _form_of(kind) or ("", str)
-    try:
-        return read(text)
-    except ValueError as error:
-        raise ValueError(f"'{shortened(text, 40)}' must be {form}: {error}") from error
+    members = _members(kind)
+    for member in members:
+        if member in _TEXTS:
+            return _TEXTS[member]
+        # where a text may stay one, it names a single thing
+        if str not in members and _is_list(member) and str in _members(*typing.get_args(member)):
+            return "A,B,...", _parts
+    return None
 
 
 def text_of(value: Any) -> str:
@@ -212,20 +227,22 @@ REGISTRY = ConstructorRegistry()
 def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     """Read a type of `_TEXTS`; an object that Python may give has its name on the command line."""
     kind: Any = info.type
-    if typing.get_origin(kind) is tuple:  # which may be typing.Tuple
-        kind = tuple.__class_getitem__(typing.get_args(kind))
     members = _members(kind)
-    read: Callable[[str], Any] = str
-    form = "NAME|PATH" if Path in members else "NAME"
-    if known := _form_of(kind):
-        read = partial(_read, kind)
-        form = known[0]
+    form = _form_of(kind)
+    metavar = "NAME|PATH" if Path in members else "NAME"
+    if kind == AnyPath:
+        metavar = "PATH"
+    elif form is not None:
+        choices = [f"{{{','.join(names)}}}" for names in map(_choices_of, members) if names]
+        metavar = "|".join([*choices, form[0]])
     elif len(members) == 1 or str not in members:
         return None
+    # one after the other where nothing else can follow
+    many = tyro.conf.Positional in info.markers and any(map(_is_list, members))
     return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar=form,
-        instance_from_str=lambda texts: read(texts[0]),
+        nargs="*" if many else 1,
+        metavar=metavar,
+        instance_from_str=lambda texts: tuple(texts) if many else _admitted(texts[0], kind),
         is_instance=lambda value: True,
         str_from_instance=lambda value: [text_of(value)],
     )
@@ -260,7 +277,8 @@ def _options_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     described = []
     for option in options:
         default = _default_of(option, info)
-        says = "" if default is None or default is False else text_of(default)
+        is_silent = default is None or default is False or default is MISSING_NONPROP
+        says = "" if is_silent else text_of(default)
         hint = tyro.conf.arg(help_behavior_hint=f"(default: {says})" if says else "")
         hinted: Any = Annotated[hints[option.name], hint]
         # meanings are read from the source, when somebody asks for help

@@ -23,7 +23,7 @@ from rich.text import Text
 from ssmr.parameters import MOST_SEED, require_within
 from validation import output
 from validation.cli.config import config_of, options_in, read_result
-from validation.cli.options import Options, kinds_of, meanings_of, words_of
+from validation.cli.options import AnyPath, Options, kinds_of, meanings_of, words_of
 from validation.cli.process import run, say
 from validation.files.reading import opened
 from validation.output import one_line, visible
@@ -57,11 +57,11 @@ class Common(Options):
     workers: int | str | None = None
     """Threads that compute, all processors if not given; or the address of a dask scheduler. The
     result does not depend on who computes."""
-    out: Path | None = None
+    out: AnyPath = None
     """Folder for the files; runs/PROGRAM/... if not given."""
     overwrite: bool = False
     """Replace files that are there already."""
-    config: Path | None = None
+    config: AnyPath = None
     """JSON file of a run of this program: its options hold where no others are given."""
     progress: tyro.conf.Suppress[output.Progressing] = output.silent
     """Called as the work goes on."""
@@ -159,7 +159,7 @@ class Program(Generic[P, R]):
         def main(options: Any) -> None:
             if isinstance(options, Filmed):
                 _require_shown(options)
-            folder = options.out or options.folder()
+            folder = Path(options.out or options.folder())
             require_writable(folder)
             require_apart(options, folder, options.writes())
             with shown(self.__name__) as show:

@@ -129,6 +129,7 @@ def untold(problem: FitProblem, search: Search, o: Searching) -> dict[str, float
         before = problem.space.values(problem.begun).tolist()
         for k, name in enumerate(problem.space.names):
             number = name.partition("@")[0]
-            if vague[k] and number == "friction" and not {name, number} & o.bounds.keys():
+            bounded = name in o.bounds or number in o.bounds
+            if vague[k] and number == "friction" and not bounded:
                 held[name] = before[k]
     return held

@@ -13,7 +13,7 @@ import logging
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
@@ -76,12 +76,12 @@ _log = logging.getLogger(__name__)
 class Searching(cli.Common):
     """Options of a program that searches for numbers."""
 
-    free: tuple[str, ...] | None = None
+    free: Sequence[str] | None = None
     """Numbers to search, separated by commas; the usual ones if not given. A wrong name lists
     all."""
-    fix: Mapping[str, float] = field(default_factory=dict)
+    fix: Mapping[str, float] | str = field(default_factory=dict)
     """Values to hold, such as friction=0.4,com_y=0; these numbers are not searched."""
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] | str = field(default_factory=dict)
     """Bounds of the search, such as friction=0.2:0.8,delay=0:0.5, where they are not the usual
     ones."""
     population: int | None = None
@@ -111,7 +111,7 @@ class Searching(cli.Common):
     @property
     def checkpoint(self) -> Path | None:
         """File in the folder `out` that keeps the search's state; None without a folder."""
-        return None if self.out is None else self.out / _CHECKPOINT
+        return None if self.out is None else Path(self.out) / _CHECKPOINT
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""

@@ -62,7 +62,7 @@ class Replicate(cli.Common):
 
     quick: bool = False
     """Use reduced budgets, which take under three minutes."""
-    only: tuple[str, ...] = ()
+    only: Sequence[str] = ()
     """Sections or tables to run, such as 3.9,4.5 or noise; all if not given. A wrong name lists
     all sections."""
     seed: int = 1

@@ -32,13 +32,13 @@ def _sim(options: Annotated[Sim, tyro.conf.arg(name="")]) -> None:
 
 def _control(options: Annotated[Control, tyro.conf.arg(name="")]) -> None:
     with _one_signal_ends() as ignore_signals:
-        folder = options.out or Path("runs") / "ros"
+        folder = Path(options.out or "runs/ros")
         cli.require_writable(folder)
         cli.require_apart(options, folder, ("track.json", "track.png"))
         report = replace(control(options), config=cli.config_of("control", options))
         ignore_signals()
         name = file_name(f"{report.controller}-{report.reference}")
-        folder = options.out or Path("runs") / "ros" / name
+        folder = Path(options.out or f"runs/ros/{name}")
         cli.report_result(report, report.save(output.make_folder(folder), recording=False))
     report.require_complete()
     if report.status == INTERRUPTED:

@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -93,11 +92,11 @@ class Control(Graph):
     """Distance that the robot keeps behind its target (Sec. 4.5) [m]."""
     patience: float = 30.0
     """Time for which a robot is waited for, before the drive and where it does not obey [s]."""
-    out: Path | None = None
+    out: cli.AnyPath = None
     """Folder for the files; runs/ros/CONTROLLER-REFERENCE if not given."""
     overwrite: bool = False
     """Replace files that are there already."""
-    config: Path | None = None
+    config: cli.AnyPath = None
     """JSON file of a run of this program: its options hold where no others are given."""
 
 

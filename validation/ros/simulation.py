@@ -42,7 +42,7 @@ class Sim(Graph):
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
     another --robot the numbers of its file."""
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: tuple[float, float, float] | list[float] | str = (0.0, 0.0, 0.0)
     """Pose of the robot in the tracking system's frame [m, m, rad]."""
     duration: float = math.inf
     """Time after which to end [s]; it runs until Ctrl-C if not given."""
@@ -205,18 +205,19 @@ def sim(options: Sim) -> None:
     """
     o = options
     o.domain_number()
-    if not o.duration > 0.0 or not all(map(math.isfinite, o.start)):
-        raise ValueError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
+    start = cli.read_value(o.start)
+    if not o.duration > 0.0 or not all(map(math.isfinite, start)):
+        raise ValueError(f"--duration {o.duration:g} must be positive, --start {start} finite")
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     plant = cast(MujocoPlant, make_plant(profile, "mujoco"))
-    robot = SimulatedRobot(plant, State(*o.start), noise=not o.no_noise, seed=o.seed)
+    robot = SimulatedRobot(plant, State(*start), noise=not o.no_noise, seed=o.seed)
     node = Node(f"{msg.ros_name(profile.robot.name)}_simulation", o)
     try:
         simulation = SimulationNode(node, robot)
         _logger.info(
             "the robot %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends",
             profile.robot.name,
-            *o.start,
+            *start,
         )
         simulation.run(o.duration)
     finally:

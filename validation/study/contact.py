@@ -206,7 +206,7 @@ def _group_of(name: str) -> str:
 class ContactStudy(StudyOptions):
     """Options of the study of physics settings."""
 
-    only: tuple[str, ...] = ()
+    only: Sequence[str] = ()
     """Groups to try besides what is shipped: cone, impedance, solver, time step, centre of mass,
     defaults, near ODE, and the other engines, ode and drake."""
 

@@ -87,7 +87,7 @@ class DriveTrainStudy(StudyOptions):
     ground: str | Log | None = None
     """Path of a recording on the ground with wheel rates and currents (current_left,
     current_right)."""
-    held_out: tuple[str | Log, ...] = ()
+    held_out: Sequence[str | Log] = ()
     """Paths of recordings that only judge: those with a heading or a gyro the currents, others the
     wheel rates. Without any, the last third of each log judges what is fitted to the rest."""
     torque_constant: float | None = None

@@ -68,10 +68,10 @@ _MEDIANS = (*INTERVAL, "yaw_median_rad")
 class RunsStudy(AnyStudy):
     """Options of the study of runs."""
 
-    logs: tyro.conf.Positional[Sequence[str]]
+    logs: tyro.conf.Positional[Sequence[str | Path]]
     """Logs, each with its robot where that is not --robot: grass.csv@warthog,
     tile.csv@my_robot.toml."""
-    plants: tuple[str, ...] = PLANTS
+    plants: Sequence[str] = PLANTS
     """Plants to fit and to judge."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
@@ -106,7 +106,7 @@ def _runs(o: RunsStudy) -> dict[str, _FittedLog]:
         ValueError: an unknown robot, or two logs of one name.
     """
     profiles: dict[str, tuple[str, Profile]] = {}
-    for given in o.logs:
+    for given in map(str, o.logs):
         log = given
         robot = o.robot
         # a file may have an @ in its name
@@ -136,7 +136,7 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile, others: list[s
     Files of a finished run lie in the study's folder: `NAME.json`, and then `NAME.toml`, the
     profile with all fits. A run that was finished before is read back.
     """
-    folder = output.make_folder(o.out or o.folder())
+    folder = output.make_folder(Path(o.out or o.folder()))
     file = folder / f"{name}.json"
     fitted_profile = folder / f"{name}.toml"
     request = {

@@ -75,9 +75,9 @@ _DRAWS = 400
 class TransferStudy(StudyOptions):
     """Options of the study of transfer."""
 
-    plants: tuple[str, ...] = PLANTS
+    plants: Sequence[str] = PLANTS
     """Plants that are to choose for MuJoCo's robot, which is driven too."""
-    controllers: tuple[str, ...] = (
+    controllers: Sequence[str] = (
         *PLAIN_CONTROLLERS,
         "lqr+predictor",
         "lqr-scheduled+predictor",
@@ -85,7 +85,7 @@ class TransferStudy(StudyOptions):
     )
     """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one
     with gains of your own."""
-    references: tuple[str, ...] = ()
+    references: Sequence[str] = ()
     """References by name; circle@0.4 has its own speed [m/s], others 0.25 and 0.5, or 0.5 alone if
     quick. What the robot cannot drive in MuJoCo is driven more slowly."""
     seed: int = 11  # no shipped set was tuned with seeds from 11 on

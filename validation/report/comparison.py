@@ -6,8 +6,8 @@ outlives a call.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,13 +20,9 @@ from validation.experiment.scores import HEADLINE_HORIZON
 from validation.output import shortened
 from validation.report.columns import DEGREES, length_unit
 from validation.report.drawing import (
-    BROAD,
-    COMMAND_LOOK,
     KEY,
-    NARROW,
     QUIET,
     Curve,
-    Dashes,
     HorizonMarks,
     Panel,
     PanelRow,
@@ -37,8 +33,8 @@ from validation.report.drawing import (
     draw_paths,
     how_driven,
     ink_of,
-    key_line,
 )
+from validation.report.driven import MARKERS
 from validation.report.motions import Motions, headline_error
 from validation.report.scene_robots import Track
 from validation.simulator.description import WHEELS
@@ -48,7 +44,6 @@ from validation.simulator.wheel_loads import QUASI_STATIC
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 _LONGEST_PATH = 30.0
 """Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by
@@ -57,41 +52,8 @@ _WINDOWS = 4
 """Number of windows shown; their errors are spread evenly from the least to the greatest."""
 _LEAST_MOTION = 0.05
 """Way [m] or turn [rad] from which a plant moves in a window."""
-_LONGEST_SHOWN = 60.0
-"""Runs longer than this show velocities over a part only [s]: more would be a smear."""
-_STRETCH = 36.0
-"""Length of that part [s]."""
 _MEAN_TIME = 0.25
 """Time over which wheel loads are averaged [s]: five periods of the driver's commands."""
-_MARKERS = {
-    "mujoco": "o",
-    "improved": "s",
-    "coulomb": "^",
-    "linear": "D",
-    "kinematic": "v",
-    "four_wheel": "p",
-    "ode": "P",
-    "drake": "X",
-}
-_DASHES: dict[str, Dashes] = {
-    "improved": (0.0, (6.0, 1.5)),
-    "coulomb": (0.0, (1.5, 1.0)),
-    "linear": (0.0, (7.0, 1.5, 1.5, 1.5)),
-    "kinematic": (0.0, (3.0, 1.2)),
-    "four_wheel": (0.0, (9.0, 1.2)),
-}
-
-
-def _look_of(track: Track) -> dict[str, Any]:
-    """Return the properties of a motion's line: the reference's is broad, and behind the others."""
-    is_reference = track.reference is None
-    return {
-        "color": ink_of(track.name),
-        "linestyle": _DASHES.get(track.name, "solid"),
-        "linewidth": BROAD if is_reference else NARROW,
-        "zorder": 2.0 if is_reference else 2.5,
-        "gid": track.name,
-    }
 
 
 class Comparison(Motions):
@@ -105,98 +67,79 @@ class Comparison(Motions):
         Lines carry the name of their motion, or `command`, as gid.
         """
         rows = list[PanelRow]()
-        start, stop = self._span
+        start, stop = self.span
         if stop - start > _LONGEST_PATH or len(self.truth) > 1:
             words, windows = self._windows()
             heading = f"Paths over {words} [m]: all start at one pose; from small to large errors"
             if any(scores.band for scores in self.scores.values()):
                 heading += "; shaded: 90 % band"
-            panels = [partial(self._draw_window, window, False) for window in windows]
+            panels = [partial(self._draw_window, window) for window in windows]
             rows.append(PanelRow(3.5, panels, heading=heading))
         else:
             path = self.truth[0].xy
             width, height = np.ptp(path, axis=0) + 0.5
             tall = float(np.clip(10.0 * height / width, 3.0, 5.5))
-            rows.append(PanelRow(tall, [partial(self._draw_window, (0, len(path) - 1), True)]))
+            rows.append(PanelRow(tall, [self._draw_paths]))
         flags = [name for name, value in self.options.items() if value is True]
         made = [f"reference {self.reference}", f"seed {self.seed}", *flags]
-        kind = "commands" if self._by_speed else "measured wheel rates"
+        kind = "commands" if self.commanded() else "measured wheel rates"
+        marked = any(scores.overlapping for scores in self.scores.values())
+        about = {name: headline_error(scores) for name, scores in self.scores.items()}
+        about[self.reference] = "reference"
         n = len(self.runs)
         title = shortened(Path(self.source.name).name, 48)
         return draw_page(
             f"{title}: {n} simulation{'s' * (n > 1)} driven by the same {kind}",
             [*rows, *self._panels()],
-            legend=self._legend(),
+            legend=self.legend(about, marked),
             notes=[*filter(None, [self.verdict()]), *self.notes()],
             foot=how_driven(self.profile_label, self.terrain, made, self.versions),
         )
 
     def _panels(self) -> list[PanelRow]:
         """Panels below the paths, row by row; those without data are left out."""
-        tracks = self.tracks()
+        tracks = self.drawn
         rows = list[PanelRow]()
         marks = []
         for name, scores in self.scores.items():
             if scores.overlapping:
-                marker = _MARKERS.get(name, "o")
+                marker = MARKERS.get(name, "o")
                 marks.append(HorizonMarks(name, ink_of(name), marker, scores.overlapping))
         if marks:
             position = partial(draw_horizons, marks, "position")
             rows.append(PanelRow(2.3, [position, partial(draw_horizons, marks, "yaw")]))
         elif len(tracks) > 1:
             rows.append(self._error_panels(tracks[1:]))
-        command = " and command" if self._by_speed else ""
-        velocities = [
-            partial(self._draw_velocity, f"Speed v_x [m/s]{command}", 0, 0),
-            partial(self._draw_velocity, f"Yaw rate [rad/s]{command}", 2, 1),
-        ]
-        rows.append(PanelRow(2.3, velocities))
+        rows.append(PanelRow(2.3, self.velocity_panels()))
         loaded = [track for track in tracks if track.channel("wheel_load_N") is not None]
         if loaded:
             rows.append(PanelRow(2.3, [partial(self._draw_loads, loaded[0])]))
         return rows
 
-    def _legend(self) -> list[Line2D]:
-        """Return the only legend of plants."""
-        marked = any(scores.overlapping for scores in self.scores.values())
-        legend = []
-        for track in self.tracks():
-            marker = ""
-            about = "reference"
-            if track.reference is not None:
-                about = headline_error(self.scores[track.name])
-                if marked:
-                    marker = _MARKERS.get(track.name, "o")
-            label = f"{track.name}\n{about}"
-            legend.append(key_line(label, marker=marker, **_look_of(track)))
-        if self._by_speed:
-            label = "command\nas given"
-            legend.append(key_line(label, **COMMAND_LOOK))
-        return legend
-
     # --- paths ---
 
-    def _draw_window(self, window: tuple[int, int], is_whole: bool, ax: Axes) -> None:
-        """Draw the paths over one window, its first and last sample.
+    def _draw_paths(self, ax: Axes) -> None:
+        """Draw the paths as they were driven."""
+        for track in self.drawn:
+            self._draw_band(track, (0, len(track.pose) - 1), track.pose[0], ax)
+        self.draw_whole_paths(1.0, ax)
 
-        Each is seen from its own pose at the window's start, or as it was driven if that is all.
+    def _draw_window(self, window: tuple[int, int], ax: Axes) -> None:
+        """Draw the paths over one window, from its first to its last sample.
+
+        Each is seen from its own pose at the window's start.
         """
         a, b = window
-        reference, *_ = tracks = self.tracks()
         curves = list[Curve]()
         ends = {}
-        for track in tracks:
-            at = track.pose[a] if is_whole else np.zeros(3)
-            path = compose(at, relative(track.pose[a], track.pose[a : b + 1]))
-            curves.append((path[:, 0], path[:, 1], _look_of(track)))
+        for track in self.drawn:
+            path = relative(track.pose[a], track.pose[a : b + 1])
+            curves.append((path[:, 0], path[:, 1], self.look_of(track)))
             ends[track.name] = path[-1]
-            self._draw_band(track, window, at, ax)
-        draw_paths(curves, ends, 1.0 if is_whole else 0.6, ax)
-        if is_whole:
-            ax.set(title="Paths [m] (ring: start)", xlabel="x [m]", ylabel="y [m]")
-            return
+            self._draw_band(track, window, np.zeros(3), ax)
+        draw_paths(curves, ends, 0.6, ax)
         ax.locator_params(axis="x", nbins=5)
-        start, end = reference.t[[a, b]] - self._span[0]
+        start, end = self.drawn[0].t[[a, b]] - self.span[0]
         ax.set_title(f"{start:.1f} to {end:.1f} s", fontweight="normal")
         ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
 
@@ -221,7 +164,7 @@ class Comparison(Motions):
         the order of the plants' mean error, and some that are spread evenly are shown. Where none
         fits, whole pieces serve.
         """
-        reference, *others = self.tracks()
+        reference, *others = self.drawn
         begins = np.cumsum([0, *map(len, self.truth)])
         words = "whole pieces"
         windows = np.stack([begins[:-1], begins[1:] - 1])
@@ -252,69 +195,9 @@ class Comparison(Motions):
 
     # --- over time ---
 
-    @property
-    def _by_speed(self) -> bool:
-        """Whether the plants were driven by speed and yaw rate, not by wheel rates."""
-        return all(piece.commands.kind == "twist" for piece in self.source.pieces)
-
-    @property
-    def _span(self) -> tuple[float, float]:
-        return float(self.truth[0].t[0]), float(self.truth[-1].t[-1])
-
-    @cached_property
-    def _shown_span(self) -> tuple[float, float]:
-        """The span over which velocities are shown [s]: the liveliest of the longest piece."""
-        start, stop = self._span
-        if stop - start <= _LONGEST_SHOWN:
-            return start, stop
-        longest = max(self.truth, key=lambda piece: float(piece.t[-1] - piece.t[0]))
-        t = longest.t
-        steps = np.diff(longest.pose, axis=0, prepend=longest.pose[:1])
-        way = np.cumsum(np.abs(steps).sum(axis=1))
-        begins = np.arange(t[0], max(t[-1] - _STRETCH, t[0] + 0.5), 1.0)
-        ways = np.interp(begins + _STRETCH, t, way) - np.interp(begins, t, way)
-        begin = min(float(begins[np.argmax(ways)]), stop - _STRETCH)
-        return begin, begin + _STRETCH
-
-    def _over_time(
-        self, track: Track, values: Callable[[Trajectory], FloatArray], **look: Any
-    ) -> list[Curve]:
-        """Return a quantity of a motion over the span of velocities, piece by piece.
-
-        `look` may differ from the motion's.
-        """
-        low, high = self._shown_span
-        curves = list[Curve]()
-        for piece in track.pieces:
-            k = (piece.t >= low) & (piece.t <= high)
-            curves.append((piece.t[k] - self._span[0], values(piece)[k], _look_of(track) | look))
-            look["label"] = ""  # one entry of a legend
-        return curves
-
-    @cached_property
-    def _time_axis(self) -> dict[str, Any]:
-        """The axis of the span of velocities."""
-        begin, end = self._span
-        low, high = self._shown_span
-        label = "time [s]"
-        if begin:
-            label += f" after {begin:.1f} s of the log"
-        if (low, high) != (begin, end):
-            label += f", part of {end - begin:.0f} s"
-        return {"xlim": (low - begin, high - begin), "xlabel": label}
-
-    def _draw_velocity(self, title: str, column: int, command: int, ax: Axes) -> None:
-        """Draw one component of every robot's velocity, and of the command if it is a velocity."""
-        curves = list[Curve]()
-        for track in self.tracks():
-            curves += self._over_time(track, lambda piece: piece.twist[:, column])
-        for t, values in self.given() if self._by_speed else ():
-            curves.append((t - self._span[0], values[:, command], COMMAND_LOOK))
-        draw_curves(curves, 0.1, ax, title=title, **self._time_axis)
-
     def _error_panels(self, tracks: Sequence[Track]) -> PanelRow:
         """Return panels of the motions' errors at equal times."""
-        begin, end = self._span
+        begin, end = self.span
         gaps = np.cumsum([len(piece) for piece in self.truth])[:-1]
         units = {"Position": length_unit([float(track.errors[0].max()) for track in tracks])}
         units["Yaw"] = DEGREES
@@ -324,7 +207,7 @@ class Comparison(Motions):
             for track in tracks:
                 errors = np.split(unit.scale * track.errors[which], gaps)
                 for true, error in zip(self.truth, errors, strict=True):
-                    curves.append((true.t - begin, error, _look_of(track)))
+                    curves.append((true.t - begin, error, self.look_of(track)))
             title = f"{what} error [{unit.symbol}] at equal times"
             axis: dict[str, Any] = {"xlabel": "time [s]", "xlim": (0.0, end - begin)}
             panels.append(partial(draw_curves, curves, 1e-3, title=title, **axis))
@@ -334,7 +217,7 @@ class Comparison(Motions):
         """Draw the loads of the four wheels, averaged over 0.25 s, and the verdict on them."""
         curves = list[Curve]()
         for k, wheel in enumerate(WHEELS):
-            curves += self._over_time(
+            curves += self.curves_of(
                 track,
                 partial(_mean_load, "wheel_load_N", k),
                 color=ink_of(track.name) if wheel.startswith("front") else "0.25",
@@ -343,7 +226,7 @@ class Comparison(Motions):
                 label=wheel.replace("_", " "),
             )
             if track.channel(QUASI_STATIC) is not None:
-                curves += self._over_time(
+                curves += self.curves_of(
                     track,
                     partial(_mean_load, QUASI_STATIC, k),
                     color=QUIET,
@@ -355,7 +238,7 @@ class Comparison(Motions):
         run = self.runs.get(track.name)
         if run is not None and (health := run.health) is not None:
             title += f": {verdict(health)}, least {health['lowest_load_share']:.0%} of the mean"
-        draw_curves(curves, 10.0, ax, title=title, **self._time_axis)
+        draw_curves(curves, 10.0, ax, title=title, **self.time_axis)
         ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.95), ncols=4, **KEY)
 
 

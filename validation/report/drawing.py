@@ -49,18 +49,10 @@ REFERENCE_LOOK: Mapping[str, Any] = {
     "color": "0.1",
     "linewidth": 1.0,
     "linestyle": (0.0, (5.0, 2.5)),
-    "zorder": 2.2,
+    "zorder": 2.8,
     "gid": "reference",
 }
 """Line of the reference that a controller follows."""
-COMMAND_LOOK: Mapping[str, Any] = {
-    "color": "0.5",
-    "linewidth": 1.0,
-    "drawstyle": "steps-post",
-    "zorder": 1.8,
-    "gid": "command",
-}
-"""Line of the commands that drove the robots."""
 _TITLE_IN = 0.42  # height of a title
 _FOOT_IN = 0.26  # height of the line below all
 _LINE_IN = 0.185  # height of a line of words

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations, pairwise, product, zip_longest
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,16 +23,18 @@ from validation.experiment.runs import Runs
 from validation.experiment.scores import Scores, ScoresByPlant, headline_horizon, standing_sentences
 from validation.experiment.sources import RECORDING, Source
 from validation.output import Document, one_line
-from validation.plants.profile import Profile
 from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
+from validation.report.driven import DrivenRobots
 from validation.report.palette import Rgb
-from validation.report.report import Report
 from validation.report.scene_robots import Series, Track, shades_of
 from validation.report.table import Row, Table
-from validation.simulator.description import WHEELS, with_robot
+from validation.simulator.description import WHEELS
 from validation.simulator.health import verdict
-from validation.simulator.terrain import FLAT, Terrain
+from validation.simulator.terrain import FLAT
+
+if TYPE_CHECKING:
+    from validation.report.scene import Scene
 
 _COMMANDED: Rgb = (86, 180, 233)
 _WINDOWS = (
@@ -90,15 +92,12 @@ _HEALTH_COLUMNS = ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "ver
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Motions(Report):
+class Motions(DrivenRobots):
     """Every plant beside the reference on one source: all of a comparison but its picture."""
 
     program = "compare"
-    endings = ("png", "rrd")
     source: Source
     """Motion that the plants were driven along."""
-    profile: Profile
-    """Profile that gave the parameters."""
     reference: str
     """Name of the reference plant, or `recording`."""
     truth: tuple[Trajectory, ...]
@@ -107,33 +106,12 @@ class Motions(Report):
     """Runs by plant, in the order of all tables; the reference plant is among them."""
     scores: ScoresByPlant
     """Their errors, by plant."""
-    seed: int
-    """Seed of noise and disturbance."""
-    terrain: Terrain = FLAT
-    """The ground that the MuJoCo robot stood on."""
     gyro: GyroJudge | None = None
     """The second judge of heading; None where the reference is a plant, or without a useful one."""
-    remarks: Sequence[str] = ()
-    """Sentences on what was known before the plants were compared."""
 
-    def motion(self, plant: str, piece: int = 0) -> Trajectory:
-        """Return how a plant moved: its `t`, `xy`, `yaw`, `twist`, `wheels` and `channels`.
-
-        Args:
-            plant: name of the plant.
-            piece: number of the part of a log that has gaps.
-
-        Raises:
-            ValueError: it was not driven.
-        """
-        if plant not in self.runs:
-            raise ValueError(f"no plant '{plant}' was driven; there are: {', '.join(self.runs)}")
-        return self.runs[plant].motions[piece]
-
-    @property
-    def profile_label(self) -> str:
-        """Name of the profile, and of the robot where the profile's name does not contain it."""
-        return with_robot(self.profile.name, self.profile.robot.name)
+    def motions(self) -> dict[str, Sequence[Trajectory]]:
+        """Return the motions of each plant, piece by piece."""
+        return {name: run.motions for name, run in self.runs.items()}
 
     @property
     def gyro_first(self) -> bool:
@@ -279,7 +257,12 @@ class Motions(Report):
                 tracks.append(Track(name, run.motions, reference, run.localiser, *scene))
         return tracks
 
-    def given(self) -> list[tuple[FloatArray, FloatArray]]:
+    def commanded(self) -> Sequence[tuple[FloatArray, FloatArray]]:
+        """Return the commands over time, if they are speeds and yaw rates."""
+        by_wheels = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
+        return [] if by_wheels else self._given()
+
+    def _given(self) -> list[tuple[FloatArray, FloatArray]]:
         """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece.
 
         The last command stands once more at the end of its piece.
@@ -291,32 +274,24 @@ class Motions(Report):
             given.append((t, np.vstack([c.values, c.values[-1:]])))
         return given
 
-    def record(self, path: Path) -> None:
-        """Write the robots in motion, and the commands that drove them, as a rerun recording.
-
-        The file is written whole or not at all.
-
-        Raises:
-            OSError: the file cannot be written.
-            RuntimeError: rerun is switched off by `RERUN=off`.
-        """
-        from validation.report.scene import Scene, write_scene  # here: rerun may be missing
+    def scene(self) -> Scene:
+        """Return the robots in motion, and the commands that drove them."""
+        from validation.report.scene import Scene
 
         gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(self.truth)]
-        scene = Scene(
+        return Scene(
             program=self.program,
             title=f"{self.source.name}, profile {self.profile_label}",
             tracks=self.tracks(),
-            plots=self._commanded(),
+            plots=self._command_plots(),
             report=self.to_markdown(),
             gaps=np.array(gaps),
         )
-        write_scene(scene, path)
 
-    def _commanded(self) -> dict[str, Series]:
+    def _command_plots(self) -> dict[str, Series]:
         """Commands over time, as a recording's plots have them."""
-        t, values = (np.concatenate(parts) for parts in zip(*self.given(), strict=True))
-        if self.source.pieces[0].commands.kind == "wheels":
+        t, values = (np.concatenate(parts) for parts in zip(*self._given(), strict=True))
+        if not self.commanded():
             names = ["left commanded", "right commanded"]
             inks = shades_of(_COMMANDED)
             return {"wheel_rate/commanded": Series(names, "rad/s", inks, t, values, held=True)}

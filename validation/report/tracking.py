@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH, step_lengths
 from ssmr.errors import SsmrError
 from ssmr.estimation.settings import EkfSettings
+from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.declared import Metrics
-from ssmr.types import Trajectory
+from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gains import GainSet
 from validation.experiment.tracked import (
     OF_THE_LOOP,
@@ -25,33 +27,56 @@ from validation.experiment.tracked import (
     lost_text,
 )
 from validation.output import Document, one_line, shortened
-from validation.plants.profile import Profile
-from validation.report.columns import REAL_TIME, declare
-from validation.report.drawing import how_driven
+from validation.report.columns import DEGREES, REAL_TIME, Unit, declare, length_unit
+from validation.report.drawing import (
+    ALARM,
+    REFERENCE_LOOK,
+    Curve,
+    Dashes,
+    PanelRow,
+    draw_curves,
+    draw_page,
+    how_driven,
+)
+from validation.report.driven import DrivenRobots
 from validation.report.palette import BLACK, GREY, WHITE, mix
-from validation.report.report import Report
 from validation.report.scene_robots import Series, Track, bright
 from validation.report.table import Row, Table
-from validation.report.track_panels import draw_track, error_units, longest_target
-from validation.simulator.description import with_robot
-from validation.simulator.terrain import FLAT, Terrain
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from validation.report.scene import Scene
 
 _MUCH_SATURATED = 0.05
 """Share of time at its limits above which a robot follows these rather than its controller."""
 _UNSETTLED = 0.5
 """A speed whose RMS differs from the reference's by a greater share is pointed out."""
+_ERRORS = {
+    "e_rho": "how far ahead the target is",
+    "e_y": "its offset to the left",
+    "e_alpha": "its heading",
+}
+"""Errors to the moving target, by the columns of the log."""
+_SIGNALS = {
+    "speed": ("m/s", 0, "u_ref", "v_cmd"),
+    "yaw_rate": ("rad/s", 2, "w_ref", "w_cmd"),
+}
+"""Velocities: unit, column of a twist, and columns of the log, requested and commanded."""
+_WIDE = 2.6
+"""A reference wider than so many times its height has a row of its own [1]."""
 declare(*TRACK_METRICS.values())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Tracked(Report):
+class Tracked(DrivenRobots):
     """Robots that followed one reference under one controller; the first is the report's own."""
 
     program = "track"
-    endings = ("png", "rrd")
+    reference_look = REFERENCE_LOOK
+    dashes: ClassVar[Mapping[str, Dashes]] = {}
+    longest_shown = math.inf
     robots: tuple[Followed, ...]
     """The robots, each another plant."""
     controller: str
@@ -62,16 +87,8 @@ class Tracked(Report):
     """Name or path of the reference, as the user gave it."""
     speed: float
     """Mean speed of the reference [m/s]."""
-    profile: Profile
-    """The profile that gave the plants' parameters."""
-    seed: int = 0
-    """Seed of noise and disturbance."""
-    terrain: Terrain = FLAT
-    """Ground of a MuJoCo robot."""
     filter: EkfSettings | None = None
     """State filter whose estimate the controller saw, if it saw one."""
-    remarks: Sequence[str] = ()
-    """Sentences on what was known before the run."""
     stopped_because: str | None = None
     """Reason why a robot on ROS was stopped, empty where it arrived; None for a simulation."""
 
@@ -95,11 +112,6 @@ class Tracked(Report):
         return cls(robots=tuple(robots), **(about | more))
 
     @property
-    def profile_label(self) -> str:
-        """Name of the profile, and of the robot where the first does not tell the second."""
-        return with_robot(self.profile.name, self.profile.robot.name)
-
-    @property
     def gains_name(self) -> str:
         """Name or file of the gain set."""
         return "none" if self.gains is None else self.gains.name
@@ -114,16 +126,9 @@ class Tracked(Report):
         """Metrics of the first robot by name, such as `metrics["d_rms_m"]`."""
         return self.robots[0].metrics
 
-    def motion(self, plant: str) -> Trajectory:
-        """Return how a plant moved: its `t`, `xy`, `yaw`, `twist`, `wheels` and `channels`.
-
-        Raises:
-            ValueError: it was not driven.
-        """
-        motions = {r.plant: r.run.motion for r in self.robots}
-        if plant not in motions:
-            raise ValueError(f"no plant '{plant}' was driven; there are: {', '.join(motions)}")
-        return motions[plant]
+    def motions(self) -> Mapping[str, Sequence[Trajectory]]:
+        """Return the motion of each plant."""
+        return {r.plant: [r.run.motion] for r in self.robots}
 
     def require_complete(self) -> None:
         """Do nothing if every robot came to the end of its reference.
@@ -203,40 +208,116 @@ class Tracked(Report):
             )
         return notes
 
+    def tracks(self) -> list[Track]:
+        """Return the target that was followed for the longest time, and the robots."""
+        target = max((robot.target for robot in self.robots), key=len)
+        # at its last sample it stands
+        twist = target.twist[np.minimum(np.arange(len(target)), max(len(target) - 2, 0))]
+        motions = {"reference": Trajectory(target.t, target.pose, twist, target.wheels)}
+        motions |= {r.plant: r.run.motion for r in self.robots}
+        tracks = []
+        for name, motion in motions.items():
+            track = Track(name, (motion,), terrain=self.terrain, robot=self.profile.robot)
+            tracks.append(track)
+        return tracks
+
+    def commanded(self) -> Sequence[tuple[FloatArray, FloatArray]]:
+        """Return the commands to a single robot."""
+        if len(self.robots) > 1:
+            return []
+        return [(r.run.t, r.run.columns("v_cmd", "w_cmd")) for r in self.robots]
+
     def figure(self) -> Figure:
-        """Draw paths, velocities and errors, see `draw_track`."""
+        """Draw paths, velocities and the true errors to the moving target, 1600 px wide."""
         gains = " · ".join(f"{name} {value:.4g}" for name, value in self.gain_values.items())
         words = [f"seed {self.seed}"]
         if "feedback" in self.options:
             words.append(f"feedback {self.options['feedback']}")
-        foot = how_driven(self.profile_label, self.terrain, words, self.versions)
-        name = shortened(self.gains_name, 40)
-        return draw_track(self.robots, self.title, f"gains {name}: {gains}", foot)
-
-    def record(self, path: Path) -> None:
-        """Write robots, moving target and signals as a rerun recording, whole or not at all.
-
-        Raises:
-            OSError: the file cannot be written.
-            RuntimeError: rerun is switched off by `RERUN=off`.
-        """
-        from validation.report.scene import Scene, write_scene
-
-        motions = {r.plant: r.run.motion for r in self.robots}
-        motions["reference"] = longest_target(self.robots)
-        *tracks, target = (
-            Track(name, (motion,), None, terrain=self.terrain, robot=self.profile.robot)
-            for name, motion in motions.items()
+        lost = [r for r in self.robots if r.run.lost]
+        notes = [f"{r.plant} was {lost_text(r.run)}" for r in lost]
+        names = [r.plant for r in self.robots]
+        heading = f"{self.title} · {f'{len(names)} simulations' if names[1:] else names[0]}"
+        if lost:
+            heading += f" · LOST: {', '.join(r.plant for r in lost)}"
+        unit = length_unit([r.metrics["d_rms_m"] for r in self.robots])
+        about = {self.drawn[0].name: ""}
+        for r in self.robots:
+            about[r.plant] = f"d_rms {unit.text(r.metrics['d_rms_m'])} {unit.symbol}"
+        paths = partial(self.draw_whole_paths, 0.6)
+        speeds = self.velocity_panels()
+        errors = []
+        for name, of_error in self._error_units().items():
+            errors.append(partial(self._draw_error, name, of_error))
+        places = np.concatenate([track.pose[:, :2] for track in self.drawn])
+        width, height = np.ptp(places, axis=0) + 0.3
+        rows = [PanelRow(3.6, [paths, *speeds], (0.3, 0.35, 0.35))]
+        if width > _WIDE * height:
+            tall = float(np.clip(12.0 * height / width + 0.75, 1.5, 2.25))
+            rows = [PanelRow(tall, [paths]), PanelRow(2.0, speeds)]
+        return draw_page(
+            shortened(heading, 100),
+            [*rows, PanelRow(2.0, errors)],
+            legend=self.legend(about),
+            notes=[*notes, f"gains {shortened(self.gains_name, 40)}: {gains}"],
+            foot=how_driven(self.profile_label, self.terrain, words, self.versions),
+            ink=ALARM if lost else "0.0",
         )
-        scene = Scene(
+
+    def _error_units(self) -> dict[str, Unit]:
+        """Return the units of the errors to the moving target, by column."""
+        reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in self.robots if len(r.run.t)]
+        length = length_unit([float(max(reach, default=0.0))])
+        return dict(zip(_ERRORS, (length, length, DEGREES), strict=True))
+
+    def _draw_error(self, name: str, unit: Unit, ax: Axes) -> None:
+        """Draw an error of the robots themselves, not of what they see, and what it should be."""
+        goal = float(self.options.get("lookahead_m", 0.0)) if name == "e_rho" else 0.0
+        begin = np.array(self.time_axis["xlim"])
+        curves: list[Curve] = [(begin, np.full(2, goal * unit.scale), REFERENCE_LOOK)]
+        for track, r in zip(self.drawn[1:], self.robots, strict=True):
+            aim = r.run.columns("target_x", "target_y", "target_yaw")
+            x, y, yaw = relative(r.run.columns("x", "y", "yaw"), aim).T
+            near = np.hypot(x, y) <= ALPHA_SWITCH
+            errors = {"e_rho": x, "e_y": y, "e_alpha": np.where(near, wrap_angle(yaw), 0.0)}
+            curves.append((r.run.t, unit.scale * errors[name], self.look_of(track)))
+        title = f"{name}: {_ERRORS[name]} [{unit.symbol}]"
+        least = 1.0 if unit is DEGREES else 0.01 * unit.scale
+        draw_curves(curves, least, ax, title=title, **self.time_axis)
+
+    def scene(self) -> Scene:
+        """Return robots, moving target and signals."""
+        from validation.report.scene import Scene
+
+        target, *tracks = self.tracks()
+        return Scene(
             program=self.program,
             title=f"{self.title}, profile {self.profile_label}",
             tracks=tracks,
             report=self.to_markdown(),
-            plots=_plots(self.robots),
+            plots=self._time_plots(target.pieces[0]),
             target=target,
         )
-        write_scene(scene, path)
+
+    def _time_plots(self, target: Trajectory) -> dict[str, Series]:
+        """Return velocities, wanted and commanded, and errors over time, by entity."""
+        plots = dict[str, Series]()
+        for quantity, (unit, column, *columns) in _SIGNALS.items():
+            aim = Series(["reference"], unit, [GREY], target.t, target.twist[:, column])
+            plots[f"{quantity}/reference"] = aim
+            for r in self.robots:
+                ink = bright(r.plant)
+                inks = [mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)]
+                names = [f"{r.plant} request", f"{r.plant} command"]
+                both = r.run.columns(*columns)
+                wanted = Series(names, unit, inks, r.run.t, both, held=True)
+                plots[f"{quantity}/{r.plant}_wanted"] = wanted
+        for r in self.robots:
+            for error, of_error in self._error_units().items():
+                values = of_error.scale * r.run.column(error)
+                inks = [bright(r.plant)]
+                series = Series([r.plant], of_error.symbol, inks, r.run.t, values)
+                plots[f"{error}/{r.plant}"] = series
+        return plots
 
 
 def _striking(r: Followed) -> list[str]:
@@ -285,29 +366,3 @@ def _worst(run: ClosedRun, target: Trajectory) -> str:
         f"farthest from its path, {1e3 * distances[k]:.0f} mm, at t = {run.t[k]:.1f} s, "
         f"{along:.1f} m along it, at ({x:.2f}, {y:.2f}) m"
     )
-
-
-def _plots(robots: Sequence[Followed]) -> dict[str, Series]:
-    """Return velocities, wanted and commanded, and errors over time, by entity."""
-    plots = dict[str, Series]()
-    target = longest_target(robots)
-    units = error_units(robots)
-    signals = (("speed", "m/s", 0, "u_ref", "v_cmd"), ("yaw_rate", "rad/s", 2, "w_ref", "w_cmd"))
-    for quantity, unit, column, *columns in signals:
-        values = target.twist[:-1, column]
-        plots[f"{quantity}/reference"] = Series(["reference"], unit, [GREY], target.t[:-1], values)
-        for r in robots:
-            ink = bright(r.plant)
-            inks = [mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)]
-            names = [f"{r.plant} request", f"{r.plant} command"]
-            both = r.run.columns(*columns)
-            plots[f"{quantity}/{r.plant}_wanted"] = Series(
-                names, unit, inks, r.run.t, both, held=True
-            )
-    for r in robots:
-        for error, of_error in units.items():
-            values = of_error.scale * r.run.column(error)
-            plots[f"{error}/{r.plant}"] = Series(
-                [r.plant], of_error.symbol, [bright(r.plant)], r.run.t, values
-            )
-    return plots

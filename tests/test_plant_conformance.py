@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import astuple, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ssmr.control.loop import POSITION_PERIOD
 from ssmr.geometry import compose
-from ssmr.robot.drive import wheel_rates, whole_steps
+from ssmr.robot.drive import wheel_rates, wheel_references, whole_steps
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, Plant, State, Trajectory
 from tests.conftest import DRAKE_SYMMETRY, EXACT, SYMMETRY
@@ -18,7 +20,7 @@ from validation.experiment.sources import RECORDING_GRID
 from validation.plants.profile import Profile
 from validation.plants.table import plant_kind
 
-Make = Callable[[], Plant]
+Make = Callable[[], Any]  # BodyPlant
 
 WEAVE = Commands(0.05, np.column_stack([np.full(40, 0.5), np.sin(np.arange(40) * 0.3)]))
 """Two seconds of starting and weaving."""
@@ -69,6 +71,28 @@ def test_a_run_equals_its_single_steps(make: Make) -> None:
     # yaw is unwrapped once a sample in one, once a step in the other
     assert np.abs(fast.pose - slow[:, :3]).max() <= 1e-12
     assert np.abs(fast.twist - slow[:, 3:6]).max() <= 1e-12
+
+
+def test_bodies_move_as_the_plant_does(make: Make) -> None:
+    """One of two, in steps of any length, whatever the other does."""
+    plant = make()
+    start = State(0.1, -0.2, 0.3, 0.2)
+    references = wheel_references(WEAVE, plant.drive, plant.dt, start)
+    push = np.random.default_rng(7).normal(0.0, 2.0, len(references))
+    alone = plant.run(WEAVE, start, WEAVE.dt, push)
+    bodies = plant.make_bodies([plant, make()], start, 1)
+    period = whole_steps(WEAVE.dt, plant.dt, "the command period")
+    cuts = [0, *period * np.array([1, 2, 5, 21, WEAVE.n])]
+    for first, end in itertools.pairwise(cuts):
+        both = np.stack([references[first:end], 0.5 * references[first:end]])
+        bodies.advance(both, np.stack([push[first:end], 0.0 * push[first:end]]))
+        assert not bodies.gave_up.any()
+        now = bodies.states()
+        assert now.shape == (2, 10)
+        k = end // period
+        assert np.abs(now[0, :3] - alone.pose[k]).max() <= 1e-12
+        assert np.abs(now[0, 3:6] - alone.twist[k]).max() <= 1e-12
+    assert np.hypot(*(now[0, :2] - now[1, :2])) > 0.1
 
 
 def test_left_and_right_are_alike(make_exact: Make) -> None:

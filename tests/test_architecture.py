@@ -175,6 +175,38 @@ def test_no_module_needs_ros() -> None:
         assert not {u.split(".")[0] for u in imports(name)} & {"rospy", "rclpy", "cyclonedds"}, name
 
 
+OWN_DOORS = {
+    "ssmr._jit": "sources of this package",
+    "validation.files.reading": "the door: a regular file, of a limited size",
+    "validation.files.csv_logs": "a log that is written beside its place",
+    "validation.output": "files that are written",
+    "validation.replicate.chapters": "templates of this package",
+    "validation.replicate.published": "tables of this package",
+    "validation.replicate.verdicts": "tables of this package",
+    "validation.study.runs": "its own results",
+}
+"""Modules that open files otherwise than by `validation.files.reading`, and which these are."""
+
+
+def is_door(node: ast.AST) -> bool:
+    """Whether a node opens a file by a path: a pipe of that name would be waited for."""
+    if not isinstance(node, ast.Call):
+        return False
+    if isinstance(node.func, ast.Name):
+        return node.func.id == "open"
+    if not isinstance(node.func, ast.Attribute):
+        return False
+    through_reading = ast.unparse(node.func.value) in ("reading", "os", "zipfile")
+    return node.func.attr in ("open", "read_text", "read_bytes") and not through_reading
+
+
+def test_files_of_others_have_one_door() -> None:
+    for name in modules():
+        if name not in OWN_DOORS:
+            doors = [node for node in ast.walk(tree(name)) if is_door(node)]
+            assert not doors, f"{name}, line {getattr(doors[0], 'lineno', 0)}"
+
+
 MOST_LINES = 600
 MOST_FUNCTION_LINES = 80
 MOST_PARAMETERS = 8

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -124,6 +125,8 @@ MISTAKES = {
     "study transfer --quick --references eihgt": "no reference 'eihgt'",
     "study transfer --quick --plants improvd": "unknown plant 'improvd'",
     "study transfer --quick --plants mujoco": "plants names none besides mujoco",
+    "calibrate two_rows.csv --robot husky --plants kinematic": "two_rows.csv",
+    "compare traj4 --robot pipe.toml": "this is a pipe, wanted a file",
 }
 """Each command, and the words that its message on standard error must hold."""
 
@@ -139,6 +142,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("log.txt", "log.bag", "file", "profile.toml"):
         (folder / name).touch()
     (folder / "bad.toml").write_text("name = 1")
+    wheels = "t,enc_left,enc_right,x,y,yaw,gyro_z\n0,1,1,0,0,0,0\n0.1,1,1,0.02,0,0,0\n"
+    (folder / "two_rows.csv").write_text(wheels)
+    os.mkfifo(folder / "pipe.toml")
     (folder / "others").mkdir()
     for name in ("fit.png", "compare.json", "robot.png", "checkpoint.npz", "drive.toml"):
         (folder / "others" / name).write_text("of somebody else")

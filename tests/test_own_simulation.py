@@ -8,6 +8,8 @@ import time
 from collections.abc import Mapping
 from ctypes.util import find_library
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from ssmr.control.references import line
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import CommandKind, Commands, FloatArray, State
 from validation import cli, load_robot
+from validation.descriptions import sdf
 from validation.descriptions.findings import static_findings
 from validation.descriptions.foreign_robot import read_foreign
 from validation.descriptions.importing import import_robot
@@ -500,6 +503,23 @@ SDF_LINK = (
     '</ode></friction></surface></collision></link><joint name="{0}_joint" type="revolute"><parent>'
     "chassis</parent><child>{0}</child><axis><xyz>0 1 0</xyz></axis></joint>"
 )
+
+
+def test_each_frame_of_an_sdf_is_placed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where many are given in each other: a chain took the square of its length."""
+    poses: list[Any] = []
+    place = sdf._pose
+    monkeypatch.setattr(sdf, "_pose", lambda pose: poses.append(pose) or place(pose))
+    count = 90
+    chain = "".join(
+        f'<frame name="f{k}"><pose relative_to="f{k + 1}">1 0 0 0 0 0</pose></frame>'
+        for k in range(count)
+    )
+    model = ElementTree.fromstring(f'<model>{chain}<frame name="f{count}"/></model>')
+    frames = sdf._Frames(model)
+    ends = [frames.of(f"f{k}")[0, 3] for k in range(count)]
+    assert ends == [float(count - k) for k in range(count)]
+    assert len(poses) == count + 1
 
 
 def test_an_sdf_is_a_robot_with_friction_and_controller(tmp_path: Path) -> None:

@@ -82,9 +82,9 @@ def is_description(path: str | Path) -> bool:
     if path.suffix.lower() in (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro"):
         return path.is_file()
     try:
-        with path.open("rb") as file:
+        with reading.opened(path) as file:
             return file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
-    except OSError:
+    except reading.FileError:
         return False
 
 

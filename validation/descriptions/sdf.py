@@ -79,6 +79,7 @@ class _Frames:
         for kind in ("frame", "joint", "link"):
             for element in model.findall(kind):
                 self.elements[element.get("name", "")] = element
+        self._known = dict[str, FloatArray]()
 
     def of(self, name: str, depth: int = 0) -> FloatArray:
         """Return the (4, 4) transform from a frame to the model's.
@@ -88,6 +89,8 @@ class _Frames:
         """
         if name in ("", _MODEL):
             return np.eye(4)
+        if name in self._known:
+            return self._known[name]
         if name not in self.elements or depth > _MOST_CHAIN:
             raise ValueError(f"its frame '{name}' is not there, or is given in itself")
         element = self.elements[name]
@@ -99,7 +102,8 @@ class _Frames:
         pose = element.find("pose")
         if pose is not None:
             base = pose.get("relative_to", base)
-        return self.of(base, depth + 1) @ _pose(pose)
+        self._known[name] = self.of(base, depth + 1) @ _pose(pose)
+        return self._known[name]
 
 
 def _pose(pose: ElementTree.Element | None) -> FloatArray:

@@ -29,6 +29,7 @@ from ssmr.models.law import PlanarLaw
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
+from validation.files.reading import read_text
 from validation.output import one_line, shortened
 from validation.plants.table import add_model
 
@@ -232,7 +233,7 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     add_model(law)
     if isinstance(given, str):
         attribute = given.rpartition(":")[2]
-        _MODEL_FILES[law.name] = path.name, path.read_text(encoding="utf-8"), attribute
+        _MODEL_FILES[law.name] = path.name, read_text(path), attribute
     with _errors_as(path, f"model {law.name}", ValueError):  # also code that numba cannot compile
         plant = PlanarPlant(PlanarModel(law.parameters(), Vehicle(), Drive()))
         plant.run(Commands(0.05, np.full((2, 2), 0.1)), State(), 0.05)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import json
 import logging
 import math
@@ -25,6 +24,7 @@ from ssmr.errors import SsmrError
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, output
+from validation.files.reading import opened
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS, Corrected, Remembered, arrivals
 from validation.identify.tuning import TuneProblem
@@ -302,7 +302,7 @@ class Search:
             ValueError: the file is damaged, or of another search; the message names the difference.
         """
         try:
-            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            with opened(path) as content, np.load(content, allow_pickle=False) as file:
                 data = dict(file)
             was = dict(json.loads(str(data["identity"])))
             state = {}

@@ -19,6 +19,7 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation.files import guarded
+from validation.files.reading import read_file
 
 ALLOWANCE = guarded.Allowance(seconds=10.0, memory=2 << 30)
 """Limits of reading and compiling a model, with all files that it includes."""
@@ -124,9 +125,10 @@ def _inlined(text: str, folder: Path, depth: int = 0) -> str:
         path = _found(tag.element.get("file", ""), folder, {""})
         if path is None:
             raise ValueError(f"there is no file '{tag.element.get('file', '')}' {_ELSEWHERE}")
-        if path.stat().st_size + len(raw) > MOST_BYTES:
+        included = read_file(path, MOST_BYTES)
+        if len(included) + len(raw) > MOST_BYTES:
             raise ValueError(f"with the files that it includes it has more than {MOST_BYTES} bytes")
-        part = _inlined(path.read_text("utf-8", "replace"), folder, depth + 1)
+        part = _inlined(included.decode("utf-8", "replace"), folder, depth + 1)
         root = xml_tags(part)[0]
         content = part.encode()[root.inside : root.end]
         raw = raw[: tag.start] + content + raw[tag.behind :]
@@ -154,7 +156,7 @@ def _own_files(text: str, folder: Path) -> dict[str, bytes]:
                 raise ValueError(
                     f"it brings more than {_MOST_FILES} files or {_MOST_SIZE >> 20} MiB"
                 )
-            files[name] = path.read_bytes()
+            files[name] = read_file(path, _MOST_SIZE)
     return files
 
 

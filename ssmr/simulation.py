@@ -144,7 +144,7 @@ def run_planar(
     return -1, (now, integral)
 
 
-def planar_start(state: Motion, robot: PlanarRobot) -> tuple[Motion, Sides]:
+def _planar_start(state: Motion, robot: PlanarRobot) -> tuple[Motion, Sides]:
     """Return the start of a planar robot in a state, see `start_of`."""
     return start_of(state, robot.vehicle, robot.x_icr, robot.drift, robot.ideal)
 
@@ -237,7 +237,7 @@ class PlanarBodies:
     def __init__(self, models: Sequence[PlanarModel], state: State, dt: float) -> None:
         """Place every robot in `state`; `dt` is the physics step [s]."""
         self._robots = [model.packed(dt) for model in models]
-        self._now = [planar_start(state.motion, robot) for robot in self._robots]
+        self._now = [_planar_start(state.motion, robot) for robot in self._robots]
         self._failed = np.full(len(models), -1)
 
     @property
@@ -308,7 +308,7 @@ class PlanarPlant(BodyPlant):
         model = self.model.prescribed() if commands.kind == "wheels" else self.model
         robot = model.packed(self.dt)
         out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
-        start = planar_start(state.motion, robot)
+        start = _planar_start(state.motion, robot)
         failed, _ = run_planar(references, push, stride=stride, robot=robot, start=start, out=out)
         if failed >= 0:
             t = failed * self.dt

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.robot.drivetrain import battery_current, quasi_static_twist, side_forces
+from ssmr.robot.drivetrain import _quasi_static_twist, battery_current, side_forces
 from ssmr.types import FloatArray
 from validation.files.log import Log
 from validation.identify.motor_logs import Chassis, DriverLaw, chassis_of, driven_rates
@@ -137,5 +137,5 @@ def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -
 
 def _effort(rates: FloatArray, chassis: Chassis, slip: float) -> tuple[FloatArray, FloatArray]:
     """Return (2, n) forces over friction limits, (n,) headings of a robot without acceleration."""
-    twist = quasi_static_twist(rates, chassis.vehicle, slip)
+    twist = _quasi_static_twist(rates, chassis.vehicle, slip)
     return side_forces(rates, chassis.vehicle, slip), np.cumsum(twist[2]) * _FINE

@@ -15,7 +15,7 @@ from validation.descriptions.loading import load_robot
 from validation.files.csv_logs import write_csv
 from validation.files.log import Log
 from validation.fit import Fitted, fit
-from validation.identify.beginning import weight_for_turn
+from validation.identify.beginning import _weight_for_turn
 from validation.plants.profile import bare_profile
 from validation.plants.searchable import with_values
 from validation.plants.table import plant_kind
@@ -30,14 +30,14 @@ TRUTH = {"friction": 0.55, "com_x": -0.04, "com_y": 0.01, "wheel_radius": 0.16, 
 @pytest.mark.parametrize("place", [0.03, 0.06, 0.08])
 def test_the_weight_is_found_from_the_turn_that_it_makes(place: float) -> None:
     turn = turn_on_the_spot(HUSKY.wheelbase, HUSKY.track, place)
-    x, icr = weight_for_turn(HUSKY, 2.0 / turn.yaw_rate)
+    x, icr = _weight_for_turn(HUSKY, 2.0 / turn.yaw_rate)
     assert x == pytest.approx(place, abs=1e-4)
     assert icr == pytest.approx(-turn.across / turn.yaw_rate, abs=1e-4)
 
 
 def test_beyond_what_any_weight_makes_it_lies_in_the_middle_or_at_an_axle() -> None:
-    assert weight_for_turn(HUSKY, 4.0 * HUSKY.track)[0] == 0.0
-    x, icr = weight_for_turn(HUSKY, 0.9 * HUSKY.track)
+    assert _weight_for_turn(HUSKY, 4.0 * HUSKY.track)[0] == 0.0
+    x, icr = _weight_for_turn(HUSKY, 0.9 * HUSKY.track)
     # a robot on one axle turns around it
     assert 0.0 < x < icr == pytest.approx(0.5 * HUSKY.wheelbase, abs=1e-4)
 

@@ -86,7 +86,7 @@ def test_a_block_is_p_and_a_forward_euler_integral(
     integral = 0.0
     out = []
     for error in signal:
-        u, integral = pid.pi_block(error, integral, k_p, k_i, math.inf, DT)
+        u, integral = pid._pi_block(error, integral, k_p, k_i, math.inf, DT)
         out.append(u)
     e = np.array(signal)
     before = np.concatenate([[0.0], np.cumsum(k_i * DT * e)])
@@ -99,7 +99,7 @@ def test_a_block_is_p_and_a_forward_euler_integral(
 def test_the_integral_stops_exactly_while_the_output_is_at_its_limit_and_both_have_one_sign(
     error: float, integral: float, k_p: float, k_i: float, limit: float
 ) -> None:
-    out, after = pid.pi_block(error, integral, k_p, k_i, limit, DT)
+    out, after = pid._pi_block(error, integral, k_p, k_i, limit, DT)
     free = k_p * error + integral
     assert abs(out) <= limit
     if abs(free) <= limit:
@@ -118,7 +118,7 @@ def test_the_position_loop_is_the_printed_equations(
     g = pid.PidGains()
     memory = REST
     for e_rho, e_y, e_alpha in signal:
-        memory = pid.position_loop(
+        memory = pid._position_loop(
             g.packed(A, B), memory, Errors(e_rho, e_y, e_alpha), STILL, moving(0.0, 0.0), DT
         )
     e = np.array(signal)

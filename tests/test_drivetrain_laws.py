@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from ssmr.robot.drive import wheel_references
 from ssmr.robot.drivetrain import (
     CREEP,
+    _quasi_static_twist,
     battery_current,
     bridge_reading,
     grip,
-    quasi_static_twist,
     side_forces,
 )
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -67,12 +67,12 @@ def test_grip_grows_from_nothing_to_the_limit(slip: float, scale: float) -> None
 
 @given(w=rates, scale=scales)
 def test_the_steady_motion_balances_all_forces(w: FloatArray, scale: float) -> None:
-    assert np.abs(balance(w, quasi_static_twist(w, HUSKY, scale), scale)).max() < SOLVED
+    assert np.abs(balance(w, _quasi_static_twist(w, HUSKY, scale), scale)).max() < SOLVED
 
 
 @given(w=rates, scale=scales)
 def test_mirror_and_reversal(w: FloatArray, scale: float) -> None:
-    twist, mirrored, back = (quasi_static_twist(x, HUSKY, scale) for x in (w, w[::-1], -w))
+    twist, mirrored, back = (_quasi_static_twist(x, HUSKY, scale) for x in (w, w[::-1], -w))
     assert np.allclose(mirrored, twist * [[1.0], [-1.0], [-1.0]], atol=1e-7)
     assert np.allclose(back, -twist, atol=1e-7)
     forces = side_forces(w, HUSKY, scale)
@@ -88,7 +88,7 @@ def test_a_turn_on_the_spot_is_coulombs_whatever_the_scale(half_base: float) -> 
     """
     geometry = Vehicle(wheel_radius=0.1651, half_track=0.2854, a=half_base, b=half_base)
     for scale in (1e-5, 0.08, 0.5):
-        rate = quasi_static_twist(np.array([[-2.0], [2.0]]), geometry, scale)[2, 0]
+        rate = _quasi_static_twist(np.array([[-2.0], [2.0]]), geometry, scale)[2, 0]
         multiplier = geometry.wheel_radius * 2.0 / (geometry.half_track * rate)
         assert multiplier == pytest.approx(1.0 + (half_base / geometry.half_track) ** 2, rel=1e-9)
 

@@ -26,7 +26,7 @@ from tests.drive_train_logs import (
     on_grass,
     warthog_on_grass,
 )
-from validation.identify.motor_logs import drive_log, steady_samples, steady_windows
+from validation.identify.motor_logs import _steady_windows, drive_log, steady_samples
 from validation.report.report import Report
 from validation.study.drivetrain import study_drivetrain
 from validation.study.drivetrain_logs import rate_evidence
@@ -170,7 +170,7 @@ def test_rates_with_noise_are_measured_and_steps_are_set_points() -> None:
 
 def test_steady_windows_are_steady_and_without_their_beginning() -> None:
     log = drive_log(GRASS)
-    windows = steady_windows(log)
+    windows = _steady_windows(log)
     assert len(windows) == pytest.approx(40, abs=6)
     for window in windows:
         assert np.ptp(log.rates[:, window], axis=1).max() < 0.13

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.estimation.ekf import filter_log, filter_step, initial_belief, predict, run_ekf, update
+from ssmr.estimation.ekf import _filter_log, filter_step, initial_belief, predict, run_ekf, update
 from ssmr.estimation.settings import Belief, EkfSettings
 from ssmr.parameters import packed
 from ssmr.robot.drive import Sides, wheel_rates
@@ -191,7 +191,7 @@ def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild:
         t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
         left, right, gyro = wild * rng.standard_normal((3, n))
         gyro[rng.random(n) < 0.3] = np.nan
-        filter_log(SensorLog(t, left, right, gyro), STOCK.packed(), belief, out)
+        _filter_log(SensorLog(t, left, right, gyro), STOCK.packed(), belief, out)
         p = belief.covariance
         assert np.array_equal(p, p.T)
         assert np.all(np.isfinite(belief.mean))

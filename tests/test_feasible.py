@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from ssmr.control.feasible import DEVIATION, MotionLimits, feasible, path_times
+from ssmr.control.feasible import DEVIATION, MotionLimits, _path_times, feasible
 from ssmr.control.references import circle, eight, stop_and_go
 from ssmr.control.waypoints import Waypoints, step_lengths
 from ssmr.types import FloatArray
@@ -84,7 +84,7 @@ def test_times_keep_the_yaw_acceleration_on_a_curve_that_is_known() -> None:
     headings = 0.5 * k * (0.5 * (s[1:] + s[:-1])) ** 2
     steps = np.diff(s)[:, None] * np.column_stack([np.cos(headings), np.sin(headings)])
     places = np.cumulative_sum(steps, axis=0, include_initial=True)
-    t = path_times(places, np.full(len(s) - 1, 0.6), LIMITS, at_rest=True)
+    t = _path_times(places, np.full(len(s) - 1, 0.6), LIMITS, at_rest=True)
     v = np.diff(s) / np.diff(t)
     middle = 0.5 * (t[1:] + t[:-1])
     w = k * 0.5 * (s[1:] + s[:-1]) * v

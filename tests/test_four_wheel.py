@@ -16,7 +16,7 @@ from ssmr.control.loop import LoopSettings, run_loop
 from ssmr.control.population import run_bodies
 from ssmr.control.references import circle
 from ssmr.geometry import wrap_angle
-from ssmr.models.four_wheel import STATE_NUMBERS, body_of, four_wheels, spread_load
+from ssmr.models.four_wheel import STATE_NUMBERS, _spread_load, body_of, four_wheels
 from ssmr.models.four_wheel_plant import (
     FOUR_WHEEL_DT,
     FourWheelBodies,
@@ -25,8 +25,8 @@ from ssmr.models.four_wheel_plant import (
 from ssmr.models.friction import (
     AlongAcross,
     Tyre,
+    _bent_share,
     bend,
-    bent_share,
     felt_slip,
     steady_bend,
     tyre_force,
@@ -120,7 +120,7 @@ def test_in_steady_rolling_slip_is_sliding_over_rolling_speed(
     tyre: Tyre, x: float, y: float, rolling: float
 ) -> None:
     # where all of the contact slides, it bends no further
-    assume(bent_share(AlongAcross(0.01 * x, 0.01 * y), tyre) < 1.0)
+    assume(_bent_share(AlongAcross(0.01 * x, 0.01 * y), tyre) < 1.0)
     sliding = AlongAcross(0.01 * x * rolling, 0.01 * y * rolling)
     slip = AlongAcross(0.0, 0.0)
     for _ in range(200):
@@ -148,7 +148,7 @@ def test_loads_carry_the_weight_and_its_moments_even_on_three_wheels(
     robot = four_wheels(P, STRONG, 0.001)
     body = body_of(np.zeros(STATE_NUMBERS))
     body.shift[:] = ahead, aside
-    spread_load(body, robot)
+    _spread_load(body, robot)
     assert body.load.sum() == pytest.approx(WEIGHT, rel=ROUNDOFF)
     assert body.load.min() >= 0.0
     assert body.load @ [1.0, 1.0, -1.0, -1.0] == pytest.approx(ahead * WEIGHT, abs=1e-9)  # of 719 N

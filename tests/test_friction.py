@@ -11,11 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.models.friction import (
-    arctangent_friction,
     improved_friction,
     sign,
     stop_at_zero_crossing,
-    viscous_coefficient,
 )
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -51,6 +49,23 @@ def test_a_velocity_stops_where_its_sign_changes_and_nowhere_else(
 ) -> None:
     stopped = stop_at_zero_crossing(after, before)
     assert stopped == (0.0 if np.sign(before) * np.sign(after) < 0 else after)
+
+
+def arctangent_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
+    """Return the friction force [N] of a load [N] at a speed v [m/s], to be SUBTRACTED.
+
+    It tends to Coulomb friction as the `steepness` k_s [s/m] grows, and is 0 at rest (Eq. 2.33,
+    2.35).
+    """
+    return coefficient * load * 2.0 / math.pi * math.atan(steepness * v)
+
+
+def viscous_coefficient(coefficient: float, steepness: float) -> float:
+    """Return K = (2/pi) k_s mu [s/m] (Eq. 2.39, 2.40).
+
+    It is the slope of `arctangent_friction` at rest over the load.
+    """
+    return 2.0 / math.pi * steepness * coefficient
 
 
 friction = st.floats(0.01, 2.0)

@@ -24,7 +24,7 @@ from validation.simulator.health import (
     trembles,
     verdict,
 )
-from validation.simulator.model import GRAVITY, resting_depth, robot_model
+from validation.simulator.model import GRAVITY, _resting_depth, robot_model
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 
@@ -90,7 +90,7 @@ def test_a_resting_tyre_is_as_deep_as_the_law_of_soft_contact_says(
     mujoco.mj_step(model, data, nstep=round(1.0 / model.opt.timestep))
     contact = data.contact[0]
     give = float(data.efc_force[contact.efc_address] * data.efc_diagA[contact.efc_address])
-    assert resting_depth(give, solref, solimp) == pytest.approx(-contact.dist, rel=1e-6)
+    assert _resting_depth(give, solref, solimp) == pytest.approx(-contact.dist, rel=1e-6)
 
 
 # ------------------------------------------------------------------------------- trembling

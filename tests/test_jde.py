@@ -20,11 +20,11 @@ from ssmr.search import jde
 from ssmr.search.jde import (
     Jde,
     JdeSettings,
+    _binomial_mask,
+    _distinct_partners,
+    _mutate_population,
+    _repair_donors,
     adapt,
-    binomial_mask,
-    distinct_partners,
-    mutate,
-    repair,
     replaces,
 )
 from ssmr.search.space import Parameter, ParameterSpace
@@ -100,7 +100,7 @@ def test_the_descent_follows_the_generations(monkeypatch: pytest.MonkeyPatch) ->
 def test_mutation_by_hand() -> None:
     population = np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 4.0], [4.0, 8.0], [8.0, 16.0]])
     before = population.copy()
-    donors = mutate(
+    donors = _mutate_population(
         population, np.array([7.0, 9.0]), np.array([0.5]), np.array([[1], [2], [3], [4]])
     )
     assert np.array_equal(
@@ -112,13 +112,13 @@ def test_mutation_by_hand() -> None:
 def test_repair_by_hand() -> None:
     donors = np.array([[-0.5, 0.25, 1.5], [0.0, 1.0, -1e-9]])
     assert np.array_equal(
-        repair(donors, np.array([0.5, 0.5, 0.75])), [[0.25, 0.25, 0.875], [0.0, 1.0, 0.375]]
+        _repair_donors(donors, np.array([0.5, 0.5, 0.75])), [[0.25, 0.25, 0.875], [0.0, 1.0, 0.375]]
     )
 
 
 def test_binomial_crossover_by_hand() -> None:
     draws = np.array([[0.1, 0.5, 0.9], [0.1, 0.5, 0.9], [0.0, 0.0, 0.0], [0.99, 0.99, 0.99]])
-    mask = binomial_mask(np.array([0.5, 0.6, 0.0, 1.0]), draws, np.array([2, 0, 1, 0]))
+    mask = _binomial_mask(np.array([0.5, 0.6, 0.0, 1.0]), draws, np.array([2, 0, 1, 0]))
     assert np.array_equal(mask, np.array([[1, 0, 1], [1, 1, 0], [0, 1, 0], [1, 1, 1]], dtype=bool))
 
 
@@ -147,7 +147,7 @@ def test_partners_are_distinct_and_as_drawn_one_by_one(
 ) -> None:
     k = data.draw(st.integers(1, min(4, size - 1)))
     draws = np.random.default_rng(seed).random((k, size))
-    partners = distinct_partners(draws)
+    partners = _distinct_partners(draws)
     assert partners.tolist() == greedy(draws)
     assert all(len({i, *column}) == k + 1 for i, column in enumerate(partners.T.tolist()))
     assert partners.min() >= 0

@@ -19,7 +19,7 @@ from tests.conftest import ROUNDOFF
 from tests.robots import husky
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain, parse_terrain
-from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC, load_model, with_quasi_static
+from validation.simulator.wheel_loads import MEASURED, QUASI_STATIC, _load_model, with_quasi_static
 
 LEVEL = np.array([[0.0, 0.0, -9.81]])
 HUSKY = LoadModel(73.3, 0.0, 0.0, 0.19, 0.512, 0.5708, 0.176)
@@ -105,7 +105,7 @@ def test_the_huskys_load_transfer_in_speeding_up_and_in_a_steady_turn() -> None:
     plant = MujocoPlant(husky(friction=0.7, gain=2100.0, armature=1.8), STIFF)
     speeding = plant.run(Commands(0.05, np.tile([1.0, 0.0], (16, 1))), State(), 0.05)
     turning = plant.run(Commands(0.05, np.tile([1.0, 0.5], (80, 1))), State(), 0.05)
-    mean = 0.25 * load_model(plant).mass * 9.81
+    mean = 0.25 * _load_model(plant).mass * 9.81
     for motion, window, transfer in ((speeding, slice(8, 15), 14.0), (turning, slice(50, 79), 6.0)):
         formula = (
             with_quasi_static(motion, plant, Localiser())

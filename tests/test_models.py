@@ -17,7 +17,7 @@ from ssmr.geometry import rotate_body_to_world
 from ssmr.lanes import run_population
 from ssmr.models import coulomb, kinematic, linear
 from ssmr.models.coulomb import CoulombParameters
-from ssmr.models.improved import ImprovedParameters, break_away, slide
+from ssmr.models.improved import ImprovedParameters, _break_away, slide
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
 from ssmr.robot.drive import Sides
@@ -215,12 +215,12 @@ def test_what_breaks_away_within_a_step_does_so_in_two_half_steps(
     dry = (1.0, dynamic)
     gain = 0.1
     middle = 0.5 * (start + end)
-    once = break_away(start, end, gain, *dry)
-    twice = break_away(start, middle, 0.5 * gain, *dry)
+    once = _break_away(start, end, gain, *dry)
+    twice = _break_away(start, middle, 0.5 * gain, *dry)
     if abs(middle) > 1.0:
         twice = slide(twice, middle, end, 0.5 * gain, *dry)
     else:
-        twice = break_away(middle, end, 0.5 * gain, *dry)
+        twice = _break_away(middle, end, 0.5 * gain, *dry)
     assert twice == pytest.approx(once, rel=SYMMETRY, abs=SYMMETRY)
     assert (once != 0.0) == (abs(end) > 1.0)
 
@@ -292,7 +292,7 @@ def test_each_side_has_its_centre_of_rotation(
     robot = PlanarModel(KinematicParameters(0.9, 0.8, x_icr, y_l, y_r), VEHICLE, LOOSE).packed(
         0.001
     )
-    v_x, w = kinematic.body_velocity(left, right, robot)
+    v_x, w = kinematic._body_velocity(left, right, robot)
     assert robot.x_icr == x_icr
     assert v_x - w * y_l == pytest.approx(0.9 * VEHICLE.wheel_radius * left, abs=1e-9)
     assert v_x - w * y_r == pytest.approx(0.8 * VEHICLE.wheel_radius * right, abs=1e-9)

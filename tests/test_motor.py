@@ -26,7 +26,7 @@ from ssmr.robot.drive import (
     thrusts,
 )
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.simulation import PlanarModel, PlanarPlant, move, planar_start
+from ssmr.simulation import PlanarModel, PlanarPlant, _planar_start, move
 from ssmr.types import Commands, State
 from tests.robots import husky
 from validation.simulator.calibration import Calibration
@@ -118,7 +118,7 @@ def test_the_torque_that_is_reported_is_the_one_that_moves_the_robot(
     vehicle = Vehicle(radius_difference=0.009)
     dt = 1e-6
     robot = PlanarModel(parameters, vehicle, Drive(torque_limit=limit)).packed(dt)
-    start = planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
+    start = _planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
     now, _ = move(*start, Sides(2.5, 3.5), 0.0, robot)
     left = now.torque_left / robot.vehicle.radius_left
     right = now.torque_right / robot.vehicle.radius_right
@@ -136,7 +136,7 @@ def test_the_linear_model_is_stepped_exactly_with_unlike_radii_too() -> None:
     ends = []
     for dt in (0.05, 0.0005):
         robot = model.packed(dt)
-        now, integral = planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
+        now, integral = _planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
         for _ in range(round(0.1 / dt)):
             now, integral = move(now, integral, Sides(2.5, 3.5), 0.2, robot)
         ends.append((now.v, now.w))

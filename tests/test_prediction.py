@@ -17,9 +17,9 @@ from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.mpc import (
     Mpc,
     MpcGains,
-    condense,
-    planned_motion,
-    responses,
+    _condense_plan,
+    _planned_motion,
+    _step_responses,
     step_of,
 )
 from ssmr.control.population import run_loops
@@ -320,7 +320,7 @@ STEPS = [
 
 
 def model_of(n: int) -> tuple[FloatArray, FloatArray]:
-    return responses(STEPS[0][:n]), responses(STEPS[1][:n])
+    return _step_responses(STEPS[0][:n]), _step_responses(STEPS[1][:n])
 
 
 def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray, slip: float) -> FloatArray:
@@ -392,12 +392,14 @@ def test_the_program_has_the_gradient_of_the_cost() -> None:
     gains = MpcGains()
     model = model_of(6)
     np.testing.assert_allclose(
-        planned_motion(*start, plan, model)[0], [b[:3] for b in motion(start, plan)], rtol=1e-12
+        _planned_motion(*start, plan, model)[0], [b[:3] for b in motion(start, plan)], rtol=1e-12
     )
     aims = np.array([b[:3] for b in motion(start, plan)]) + rng.normal(0.0, 0.05, (6, 3))
     wanted = rng.uniform(0.0, 0.5, (7, 2))
     last = np.array([0.4, 0.1])
-    h, f = condense(planned_motion(*start, plan, model), plan, aims, wanted, last, packed(gains))
+    h, f = _condense_plan(
+        _planned_motion(*start, plan, model), plan, aims, wanted, last, packed(gains)
+    )
     np.testing.assert_allclose(h, h.T)
     assert np.linalg.eigvalsh(h).min() > 0.0
     gradient = 2.0 * (h @ plan.ravel() + f)
@@ -438,8 +440,8 @@ def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
         gain = np.linalg.solve(np.diag([gains.r_v, gains.r_w]) + b.T @ inside @ b, b.T @ inside @ a)
         p = a.T @ inside @ (a - b @ gain)
     off = 0.05 * np.array([0.002, -0.003, 0.004, 0.01, -0.02, 0.005, 0.01])
-    driven = planned_motion(*start_of(level + off), plan, model_of(8))
-    h, f = condense(driven, plan, aims, np.vstack([steady, plan]), steady, packed(gains))
+    driven = _planned_motion(*start_of(level + off), plan, model_of(8))
+    h, f = _condense_plan(driven, plan, aims, np.vstack([steady, plan]), steady, packed(gains))
     first = np.linalg.solve(h, -f)[:2]
     # the plan is linearised where it starts
     np.testing.assert_allclose(first - steady, -gain @ off, rtol=0.005, atol=1e-6)

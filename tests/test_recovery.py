@@ -25,7 +25,7 @@ from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_targ
 from validation.descriptions.loading import load_robot
 from validation.experiment.sources import Piece, Source
 from validation.fit import fit
-from validation.identify.currents import torques_of
+from validation.identify.currents import _torques_of
 from validation.identify.motor_logs import drive_log, loss_of
 from validation.identify.objective import (
     FitCost,
@@ -210,7 +210,7 @@ def test_currents_of_a_synthetic_log_are_its_torques() -> None:
     """A Husky's log, sensor without a sign: where it shows something, it is the ground's torque."""
     log = drive_log(on_grass())
     constant = 2.5
-    torques, said = torques_of(log, HUSKY_CHASSIS, constant, 0.0)
+    torques, said = _torques_of(log, HUSKY_CHASSIS, constant, 0.0)
     assert torques is not None
     assert "motors' currents" in said
     known = np.isfinite(torques)
@@ -219,14 +219,14 @@ def test_currents_of_a_synthetic_log_are_its_torques() -> None:
     scale = (torques[known] @ true[known]) / (true[known] @ true[known])
     assert scale == pytest.approx(1.0, abs=0.04)  # as well as friction and losses are known
     assert np.std(torques[known] - true[known]) < 1.3 * constant * RIPPLE
-    none, said = torques_of(log, HUSKY_CHASSIS, 0.0, 0.0)
+    none, said = _torques_of(log, HUSKY_CHASSIS, 0.0, 0.0)
     assert none is None
     assert "--torque-constant" in said
 
 
 def test_a_battery_needs_no_constant() -> None:
     log = drive_log(warthog_on_grass())
-    torques, said = torques_of(log, WARTHOG_CHASSIS, 0.0, 0.0)
+    torques, said = _torques_of(log, WARTHOG_CHASSIS, 0.0, 0.0)
     assert torques is not None
     assert "the battery's power" in said
     true = TORQUE_LIMIT * side_forces(log.rates, WARTHOG_CHASSIS.vehicle, SLIP).T

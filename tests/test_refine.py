@@ -16,7 +16,7 @@ from tests.robots import HUSKY
 from tests.test_log_faults import drive
 from tests.test_objective import scenario
 from validation.fit import fit
-from validation.identify.objective import FitCost, PathRater, path_offsets
+from validation.identify.objective import FitCost, PathRater, _path_offsets
 from validation.identify.problem import FitProblem
 from validation.identify.refine import Corrected, Remembered, arrivals, descend
 from validation.plants.profile import Profile
@@ -237,7 +237,7 @@ def test_offsets_of_a_path_are_perpendicular_to_it() -> None:
     truth = np.column_stack([np.linspace(0.0, 5.0, 101), np.zeros(101), np.zeros(101)])
     path = np.column_stack([np.linspace(-0.37, 5.4, 77), np.full(77, 0.1), np.zeros(77)])
     offsets = np.empty((1, 11, 2))
-    path_offsets(path[None], truth, 10, offsets)
+    _path_offsets(path[None], truth, 10, offsets)
     assert np.abs(offsets - [0.0, 0.1]).max() < 1e-12
 
 

@@ -53,7 +53,7 @@ KINDS = (
 def cyclone() -> Any:
     """The modules of cyclonedds; a test skips where they are missing."""
     pytest.importorskip("cyclonedds", reason="ROS 2 needs the extra `ros2`")
-    return dds.load_dds()
+    return dds._load_dds()
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ class Peer:
             else policy.Reliability.BestEffort,
             policy.Durability.TransientLocal if latched else policy.Durability.Volatile,
         )
-        place = self.dds.topic.Topic(self.participant, f"rt{topic}", dds.idl_class(kind))
+        place = self.dds.topic.Topic(self.participant, f"rt{topic}", dds._idl_class(kind))
         return kind_of_port(self.participant, place, qos=qos)
 
     def reader(self, topic: str, kind: str, reliable: bool = True, latched: bool = False) -> Any:
@@ -134,11 +134,11 @@ def test_a_namespace_stands_before_what_belongs_to_the_robot() -> None:
 
 def test_types_on_the_wire_are_ros_2s(cyclone: Any) -> None:
     assert (
-        dds.idl_class(TWIST).__idl__.idl_transformed_typename == "geometry_msgs::msg::dds_::Twist_"
+        dds._idl_class(TWIST).__idl__.idl_transformed_typename == "geometry_msgs::msg::dds_::Twist_"
     )
     # the hash of Twist in ROS 2's own documentation of `ros2 topic info --verbose`
     known = b"typehash=RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a;"
-    assert dds.user_data(TWIST) == known
+    assert dds._user_data(TWIST) == known
 
 
 def filled(message: Any, rng: np.random.Generator) -> Any:
@@ -149,7 +149,7 @@ def filled(message: Any, rng: np.random.Generator) -> Any:
         if is_dataclass(value):
             new = filled(value, rng)
         elif isinstance(value, list) and field.name == "transforms":
-            new = [filled(dds.idl_message("geometry_msgs/msg/TransformStamped", {}), rng)]
+            new = [filled(dds._idl_message("geometry_msgs/msg/TransformStamped", {}), rng)]
         elif isinstance(value, list):
             new = (
                 ["joint"] * 3 if field.name == "name" else rng.normal(size=len(value) or 3).tolist()
@@ -166,12 +166,12 @@ def filled(message: Any, rng: np.random.Generator) -> Any:
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_bytes_are_those_of_rosbags(kind: str) -> None:
     """An implementation of ROS 2's serialisation that knows nothing of DDS."""
-    message = filled(dds.idl_message(kind, {}), np.random.default_rng(0))
-    store = dds.definitions()
+    message = filled(dds._idl_message(kind, {}), np.random.default_rng(0))
+    store = dds._message_definitions()
     written = message.serialize(use_version_2=False)
     again = bytes(store.serialize_cdr(store.deserialize_cdr(written, kind), kind))
     assert written[4:].rstrip(b"\0") == again[4:].rstrip(b"\0"), "but for the padding at the end"
-    assert dds.idl_class(kind).deserialize(again) == message
+    assert dds._idl_class(kind).deserialize(again) == message
 
 
 # --- mistakes ---
@@ -241,7 +241,7 @@ def test_sensors_match_readers_and_writers_of_either_quality(
 
         def both_came() -> bool:
             node.publish("/ours", good)
-            writer.write(dds.idl_message(ODOMETRY, good))
+            writer.write(dds._idl_message(ODOMETRY, good))
             came.update(["read"] * len(reader.take()), ["heard"] * len(node.receive()))
             return len(came) == 2
 
@@ -270,17 +270,17 @@ def test_commands_come_and_go_as_twist_and_as_twist_stamped(
             return reader.take()
 
         got = wait_for(sent, "a command")[0]
-        assert type(got) is dds.idl_class(kind)
+        assert type(got) is dds._idl_class(kind)
         assert msg.read_twist(getattr(got, "twist", got)) == (0.3, 0.1)
         (seen,) = {
             bytes(reader.get_matched_publication_data(handle).qos[cyclone.qos.Policy.Userdata].data)
             for handle in reader.get_matched_publications()
         }
-        assert seen == dds.user_data(kind)
+        assert seen == dds._user_data(kind)
         values = msg.twist_message(0.4, 0.1)
 
         def came() -> Any:
-            writer.write(dds.idl_message(kind, values if kind == TWIST else {"twist": values}))
+            writer.write(dds._idl_message(kind, values if kind == TWIST else {"twist": values}))
             return node.receive()
 
         assert wait_for(came, "a command")[0] == ("/in", (0.4, 0.1))
@@ -295,14 +295,14 @@ def test_nonsense_is_refused_and_what_is_right_goes_on(
         node.subscribe("/words", STRING, lambda m: m.data)
         driver.advertise("/cmd_vel", TWIST)
         driver.advertise("/words", STRING)
-        serialize = dds.idl_class(STRING).serialize
+        serialize = dds._idl_class(STRING).serialize
         broken = {"abc": b"\xff\xfe\xfd"}
 
         def no_text(message: Any, *given: Any, **named: Any) -> bytes:
             written = serialize(message, *given, **named)
             return bytes(3) if message.data == "cut" else written.replace(b"abc", broken["abc"])
 
-        monkeypatch.setattr(dds.idl_class(STRING), "serialize", no_text)
+        monkeypatch.setattr(dds._idl_class(STRING), "serialize", no_text)
 
         def refused() -> bool:
             driver.publish("/cmd_vel", msg.twist_message(float("nan"), 0.1))

@@ -35,12 +35,12 @@ def test_odometry_there_and_back(
     assert came.header.stamp.sec * 10**9 + came.header.stamp.nanosec == nanoseconds
     assert stamp == pytest.approx(1e-9 * nanoseconds, rel=ROUNDOFF)
     assert (came.header.frame_id, came.child_frame_id) == ("odom", "base_link")
-    assert came.pose.covariance == msg.covariance_36(COVARIANCE)
-    assert came.twist.covariance == msg.covariance_36(2.0 * COVARIANCE)
+    assert came.pose.covariance == msg._covariance_36(COVARIANCE)
+    assert came.twist.covariance == msg._covariance_36(2.0 * COVARIANCE)
 
 
 def test_a_covariance_stands_where_ros_reads_it() -> None:
-    full = np.reshape(msg.covariance_36(COVARIANCE), (6, 6))
+    full = np.reshape(msg._covariance_36(COVARIANCE), (6, 6))
     np.testing.assert_array_equal(full[np.ix_([0, 1, 5], [0, 1, 5])], COVARIANCE)
     assert np.linalg.eigvalsh(full).min() > 0.0, "the plane's own certainty leaves it invertible"
 

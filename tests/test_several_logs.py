@@ -24,7 +24,7 @@ from validation.files.log import Log
 from validation.fit import Fitted, fit
 from validation.identify.adapting import Calibrating, adapted_along
 from validation.identify.targets import split_ground, tags_of
-from validation.plants.planar import model_of
+from validation.plants.planar import _model_of
 from validation.plants.profile import bare_profile, load_profile
 from validation.plants.searchable import OF_A_LOG, own_indices, split_by_log, with_values
 
@@ -66,7 +66,7 @@ def drive(
         return np.column_stack([0.6 + v - w, 0.6 + v + w])
 
     driven = Commands(0.01, rates(t + 0.005), kind)
-    motion = PlanarPlant(model_of(true)).run(driven, State(), 0.01)
+    motion = PlanarPlant(_model_of(true)).run(driven, State(), 0.01)
     t = t[::5]
     pose = true.localiser.logged_poses(motion.pose, 0.01, t)
     pose = pose + rng.normal(0.0, (0.005, 0.005, 0.003), pose.shape)

@@ -23,7 +23,7 @@ from validation.plants.profile import bare_profile, load_profile, shipped
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SCHEMA, Robot, parse_robot, shipped_robots
 from validation.simulator.motors import controls
-from validation.simulator.physics import SHIPPED, SOLVING, PhysicsSettings, Solver, solver_for
+from validation.simulator.physics import SHIPPED, SOLVING, PhysicsSettings, Solver, _solver_for
 from validation.simulator.plant import MujocoPlant
 
 NEWTON = PhysicsSettings(solver="Newton")
@@ -113,8 +113,8 @@ def test_newtons_method_is_taken_where_conjugate_gradients_converge_badly() -> N
         plant.run(TRAJECTORIES["traj4"].commands(), State(), SAMPLE_DT).xy for plant in plants
     )
     assert np.hypot(*(exact - far).T).max() > 0.4 * SAME_PATH
-    assert solver_for(SHIPPED, 1.0) == "CG"
-    assert solver_for(PhysicsSettings(impratio=1.0), 1.0) == "Newton"
+    assert _solver_for(SHIPPED, 1.0) == "CG"
+    assert _solver_for(PhysicsSettings(impratio=1.0), 1.0) == "Newton"
 
 
 @pytest.mark.parametrize("solver", list(SOLVING))

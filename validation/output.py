@@ -196,18 +196,18 @@ def encodable(value: Any) -> Any:
     return value
 
 
-class UnusableFolder(OSError, ValueError):
+class _UnusableFolder(OSError, ValueError):
     """A folder cannot be made or written: first its namer's mistake, later a failed run."""
 
 
 def make_folder(path: Path) -> Path:
-    """Make a folder to write into, and return it; an UnusableFolder says why it cannot be."""
+    """Make a folder to write into, and return it; an _UnusableFolder says why it cannot be."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UnusableFolder(f"{path}: the folder cannot be made ({error.strerror})") from error
+        raise _UnusableFolder(f"{path}: the folder cannot be made ({error.strerror})") from error
     if not os.access(path, os.W_OK):
-        raise UnusableFolder(f"{path}: the folder cannot be written; name another")
+        raise _UnusableFolder(f"{path}: the folder cannot be written; name another")
     return path
 
 

@@ -129,7 +129,7 @@ def _leg(
 
     def timed(m: int) -> tuple[FloatArray, FloatArray, float]:
         path = _smoothed(line, m)
-        t = path_times(path, speeds, limits, at_rest)
+        t = _path_times(path, speeds, limits, at_rest)
         return t, path, float(np.sum(step_lengths(path)) / t[-1])
 
     enough = _AS_FAST * timed(widest)[2]
@@ -150,7 +150,7 @@ def _smoothed(line: FloatArray, m: int) -> FloatArray:
     return np.column_stack([np.convolve(whole[:, c], kernel, "valid") for c in (0, 1)])
 
 
-def path_times(
+def _path_times(
     path: FloatArray, speeds: FloatArray, limits: MotionLimits, at_rest: bool
 ) -> FloatArray:
     """Return (N,) times [s], from zero, of the fastest motion along a path that keeps the limits.

@@ -208,7 +208,7 @@ def make_trackers(
     return trackers
 
 
-class RobotSide:
+class _RobotSide:
     """The robot's side of one closed loop: a compiled law, its memory and observations."""
 
     def __init__(self, tracker: Tracker) -> None:
@@ -242,7 +242,7 @@ class RobotSide:
         return is_lost(truth.x, truth.y, truth.w, aim.x, aim.y)
 
 
-class PythonSide(RobotSide):
+class PythonSide(_RobotSide):
     """The robot's side of one closed loop whose controller is a Python object.
 
     A tick costs tens of microseconds.
@@ -312,16 +312,16 @@ def robot_sides(
     settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     trackers: Sequence[Tracker],
-) -> list[RobotSide]:
+) -> list[_RobotSide]:
     """Return the robot's side of each loop, with the `trackers` of `make_trackers`.
 
     Raises:
         ControllerError: a Python object cannot be made.
     """
-    sides: list[RobotSide] = []
+    sides: list[_RobotSide] = []
     for law, around, tracker in zip(controllers, settings, trackers, strict=True):
         if not isinstance(law, PythonController):
-            sides.append(RobotSide(tracker))
+            sides.append(_RobotSide(tracker))
             continue
         mission = Mission(
             waypoints,

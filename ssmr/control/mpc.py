@@ -99,7 +99,7 @@ def step_of(rate: float, push: float, lag: float, h: float) -> FloatArray:
     return step
 
 
-def responses(steps: Sequence[FloatArray]) -> FloatArray:
+def _step_responses(steps: Sequence[FloatArray]) -> FloatArray:
     """Return (N, 2 + N) the way in each of N steps of `step_of`.
 
     Columns are the first speed, the first lagged reference and the N commands.
@@ -117,7 +117,7 @@ def responses(steps: Sequence[FloatArray]) -> FloatArray:
     return ways
 
 
-def planned_motion(
+def _planned_motion(
     start: Observation,
     driver: DriverEstimate,
     plan: FloatArray,
@@ -126,7 +126,7 @@ def planned_motion(
     """Return the motion of a robot under (N, 2) commands, each step a chord at its mean heading.
 
     The plan begins at `start`, with the references of `driver`. `model` are the (N, 2 + N)
-    `responses` of speed and yaw rate.
+    `_step_responses` of speed and yaw rate.
 
     Returns:
         (N, 3) x, y [m] and yaw [rad] at the end of each step, and (3, N, 2N) their derivatives by
@@ -165,7 +165,7 @@ def planned_motion(
     return pose, np.stack([x_slope, y_slope, yaw_slope])
 
 
-def condense(
+def _condense_plan(
     motion: tuple[FloatArray, FloatArray],
     plan: FloatArray,
     aims: FloatArray,
@@ -176,7 +176,7 @@ def condense(
     """Return the quadratic program of a plan: H (2N, 2N) and f (2N,) of u' H u / 2 + f' u.
 
     Args:
-        motion: `planned_motion` under the plan.
+        motion: `_planned_motion` under the plan.
         plan: (N, 2) commands about whose motion is linearised.
         aims: (N, 3) x, y [m] and heading [rad] of the target at the end of each step.
         steady: (1 + N, 2) commands that would drive as the target does: of the step before the
@@ -249,7 +249,7 @@ class Mpc:
         lengths = [first, *[long] * (n - 1)]
         steps_v = [step_of(model.rate_v, model.push_v, model.lag, h) for h in lengths]
         steps_w = [step_of(model.rate_w, model.push_w, model.lag, h) for h in lengths]
-        self._model = (responses(steps_v), responses(steps_w))
+        self._model = (_step_responses(steps_v), _step_responses(steps_w))
         self._limits = np.array([model.v_max, model.w_max])
         accelerations = np.minimum([model.acceleration_v, model.acceleration_w], 1e6)
         self._changes = np.outer(self._lengths[1:], accelerations)
@@ -289,9 +289,9 @@ class Mpc:
             later = np.vstack([self._plan[1:], self._plan[-1:]])
             middles = 0.5 * (later[:-1] + later[1:])
             plan = np.vstack([later[:1], middles])
-        motion = planned_motion(now.ahead, driver, plan, self._model)
+        motion = _planned_motion(now.ahead, driver, plan, self._model)
         last = now.past[-1]
-        h, f = condense(motion, plan, aims[2:], steady, last, self._gains)
+        h, f = _condense_plan(motion, plan, aims[2:], steady, last, self._gains)
         before = np.clip(last, -self._limits, self._limits)
         self._plan = self._solve(h, f, plan, before)
         return float(self._plan[0, 0]), float(self._plan[0, 1])

@@ -57,7 +57,7 @@ _GAINS = packed(PidGains())
 
 
 @jit
-def pi_block(
+def _pi_block(
     error: float, integral: float, k_p: float, k_i: float, limit: float, dt: float
 ) -> tuple[float, float]:
     """Return output and integral of one PI block with clamping anti-windup (Fig. 4.8).
@@ -72,18 +72,18 @@ def pi_block(
 
 
 @jit
-def position_loop(
+def _position_loop(
     row: FloatArray, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
     """Return the memory after a step of Tab. 4.1: integrals, u_ref [m/s] and omega_ref [rad/s]."""
     gains = named_like(_GAINS, row)
     k_p = gains.k_p_rho
     k_i = gains.k_i_rho
-    u_ref, i_rho = pi_block(errors.rho, memory.i_rho, k_p, k_i, _U_REF_LIMIT, dt)
-    w_y, i_y = pi_block(errors.y, memory.i_y, gains.k_p_y, gains.k_i_y, np.inf, dt)
+    u_ref, i_rho = _pi_block(errors.rho, memory.i_rho, k_p, k_i, _U_REF_LIMIT, dt)
+    w_y, i_y = _pi_block(errors.y, memory.i_y, gains.k_p_y, gains.k_i_y, np.inf, dt)
     k_p = gains.k_p_alpha
     k_i = gains.k_i_alpha
-    w_alpha, i_alpha = pi_block(errors.alpha, memory.i_alpha, k_p, k_i, np.inf, dt)
+    w_alpha, i_alpha = _pi_block(errors.alpha, memory.i_alpha, k_p, k_i, np.inf, dt)
     return Memory(
         i_rho=i_rho,
         i_y=i_y,
@@ -105,8 +105,8 @@ def _velocity_loop(
     w_ref = memory.w_ref
     error_u = u_ref - seen.v
     error_w = w_ref - seen.w
-    u, i_u = pi_block(error_u, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
-    w, i_w = pi_block(error_w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
+    u, i_u = _pi_block(error_u, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
+    w, i_w = _pi_block(error_w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
     after = Memory(
         i_rho=memory.i_rho,
         i_y=memory.i_y,
@@ -122,7 +122,7 @@ def _velocity_loop(
 LAW = Law(
     "pid",
     PidGains,
-    position_loop,
+    _position_loop,
     searched=(
         *("k_p_rho", "k_p_y", "k_p_alpha", "k_i_rho", "k_i_y", "k_i_alpha"),
         *("k_p_u", "k_i_u", "k_p_w", "k_i_w"),

@@ -153,7 +153,7 @@ def filter_step(belief: Belief, sample: SensorLog, dt: float, numbers: Any) -> N
 
 
 @jit_alone
-def filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) -> None:
+def _filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) -> None:
     """Filter a `SensorLog`, in place.
 
     `out` (M, 19) is written: the mean, its standard deviations, and the covariance of the pose.
@@ -217,7 +217,7 @@ def run_ekf(
     belief = initial_belief(start)
     n = len(belief.mean)
     out = np.empty((len(times), 2 * n + 9))
-    filter_log(SensorLog(times, left, right, gyro), settings.packed(), belief, out)
+    _filter_log(SensorLog(times, left, right, gyro), settings.packed(), belief, out)
     mean, std, covariance = np.split(out, [n, 2 * n], axis=1)
     channels = {"pose_std": std[:, :3], "pose_covariance": covariance.reshape(-1, 3, 3)}
     twist = np.zeros((len(times), 3))

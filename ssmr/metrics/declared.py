@@ -316,7 +316,7 @@ def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajec
     measured = []
     for candidate, reference in pairs:
         paths = measure_paths(candidate.pose, reference.pose)
-        measured.append((paths, equal_times_rms(candidate, reference)))
+        measured.append((paths, _equal_times_rms(candidate, reference)))
     if any(math.isnan(paths.d_rms) for paths, _ in measured):
         raise ValueError(f"a coordinate is beyond {LARGEST} m")
     samples = [len(r) for r in references]
@@ -327,7 +327,7 @@ def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajec
     return metrics
 
 
-def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float, float]:
+def _equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float, float]:
     """Return the root mean squares of the errors of position [m] and of heading [rad].
 
     Headings' differences are wrapped. The candidate is interpolated linearly at the reference's

@@ -306,11 +306,11 @@ def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
         body.force_x[i] = 0.0
         body.force_y[i] = 0.0
     body.turn[0] = 0.0
-    spread_load(body, robot)
+    _spread_load(body, robot)
 
 
 @jit
-def spread_load(body: Body, robot: FourWheels) -> None:
+def _spread_load(body: Body, robot: FourWheels) -> None:
     """Spread the weight over the wheels as a rigid body on four equal springs does.
 
     A wheel that would hang, lifts. Then the robot stands on three wheels: the lack goes to the
@@ -419,7 +419,7 @@ def _advance_body(
     own = robot.own
     tyre = robot.tyre
     dt = robot.dt
-    spread_load(body, robot)
+    _spread_load(body, robot)
     force_x = 0.0
     force_y = 0.0
     moment = 0.0

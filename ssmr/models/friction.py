@@ -33,23 +33,6 @@ def sign(x: float) -> float:
     return 0.0
 
 
-def arctangent_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
-    """Return the friction force [N] of a load [N] at a speed v [m/s], to be SUBTRACTED.
-
-    It tends to Coulomb friction as the `steepness` k_s [s/m] grows, and is 0 at rest (Eq. 2.33,
-    2.35).
-    """
-    return coefficient * load * 2.0 / math.pi * math.atan(steepness * v)
-
-
-def viscous_coefficient(coefficient: float, steepness: float) -> float:
-    """Return K = (2/pi) k_s mu [s/m] (Eq. 2.39, 2.40).
-
-    It is the slope of `arctangent_friction` at rest over the load.
-    """
-    return 2.0 / math.pi * steepness * coefficient
-
-
 @jit
 def improved_friction(active: float, static: float, dynamic: float, v: float) -> float:
     """Return the friction force or torque to be ADDED to the active one.
@@ -100,7 +83,7 @@ class AlongAcross(NamedTuple):
 
 
 @jit
-def bent_share(slip: AlongAcross, tyre: Tyre) -> float:
+def _bent_share(slip: AlongAcross, tyre: Tyre) -> float:
     """Return z, the share of the contact that slides [1]; 1 and more where all of it does."""
     return math.hypot(tyre.along * slip.x, tyre.across * slip.y) / (3.0 * tyre.friction)
 
@@ -115,7 +98,7 @@ def tyre_force(slip: AlongAcross, load: float, tyre: Tyre) -> AlongAcross:
     size = math.hypot(slip.x, slip.y)
     if size == 0.0:
         return AlongAcross(0.0, 0.0)
-    z = min(bent_share(slip, tyre), 1.0)
+    z = min(_bent_share(slip, tyre), 1.0)
     gripping = (1.0 - z) * (1.0 - z)
     sliding = tyre.friction * z * z * (3.0 - 2.0 * z) / size
     along = gripping * tyre.along + sliding
@@ -129,7 +112,7 @@ def limited(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
 
     Brushes bend no further.
     """
-    z = bent_share(slip, tyre)
+    z = _bent_share(slip, tyre)
     return AlongAcross(slip.x / z, slip.y / z) if z > 1.0 else slip
 
 

@@ -93,7 +93,7 @@ def slide(v: float, start: float, end: float, gain: float, static: float, dynami
 
 
 @jit
-def break_away(start: float, end: float, gain: float, static: float, dynamic: float) -> float:
+def _break_away(start: float, end: float, gain: float, static: float, dynamic: float) -> float:
     """Return the velocity after a step of what sticks at its start; for the arguments see `slide`.
 
     The active force is linear in time, and motion begins where it exceeds stiction. This matters
@@ -133,7 +133,7 @@ def advance(
     v_next = slide(v, force, force_there, per_moved, rolling, rolling)
     w_next = slide(w, moment, moment_there, per_turned, sticking, skidding)
     if w == 0.0 and abs(moment) <= sticking:
-        w_next = break_away(moment, moment_there, per_turned, sticking, skidding)
+        w_next = _break_away(moment, moment_there, per_turned, sticking, skidding)
     return v_next, w_next, torque
 
 

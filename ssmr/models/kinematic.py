@@ -74,7 +74,7 @@ def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, flo
 
 
 @jit
-def body_velocity(left: float, right: float, robot: PlanarRobot) -> tuple[float, float]:
+def _body_velocity(left: float, right: float, robot: PlanarRobot) -> tuple[float, float]:
     """Return v_x [m/s] and omega [rad/s] for wheel rates [rad/s].
 
     The body's point at y_l moves forward as the left wheels do: v_x - omega y_l = alpha_l r left;
@@ -94,7 +94,7 @@ def advance(
 
     Torques are zero, and disturbances have no effect.
     """
-    v_next, w_next = body_velocity(wheels.left, wheels.right, robot)
+    v_next, w_next = _body_velocity(wheels.left, wheels.right, robot)
     return v_next, w_next, Sides(0.0, 0.0)
 
 

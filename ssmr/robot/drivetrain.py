@@ -47,14 +47,14 @@ def grip(slip: FloatArray | float, scale: float) -> FloatArray:
 def side_forces(rates: FloatArray, vehicle: Vehicle, scale: float) -> FloatArray:
     """Return (2, n) forward forces of the left and right wheels in steady motion [1].
 
-    They are shares of mu N of a side. The arguments are those of `quasi_static_twist`.
+    They are shares of mu N of a side. The arguments are those of `_quasi_static_twist`.
     """
-    twist = quasi_static_twist(rates, vehicle, scale)
+    twist = _quasi_static_twist(rates, vehicle, scale)
     ahead, pull = _slides(rates, twist, vehicle, scale)
     return ahead * pull
 
 
-def quasi_static_twist(rates: FloatArray, vehicle: Vehicle, scale: float) -> FloatArray:
+def _quasi_static_twist(rates: FloatArray, vehicle: Vehicle, scale: float) -> FloatArray:
     """Return (3, n) forward speed, speed to the left [m/s], yaw rate [rad/s] of steady motions.
 
     A force of slip has a potential over the sliding velocity that is convex. A robot that does not

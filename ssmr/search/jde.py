@@ -212,9 +212,9 @@ class Jde:
         cr = adapt(self._cr, rows[2:4], CR_BOUNDS, descent)
         first = (rows[4] * n).astype(np.intp)
         best = self._population[self._best]
-        donors = mutate(self._population, best, f, distinct_partners(rows[5:]))
-        mask = binomial_mask(cr, crossing, first)
-        trials = np.where(mask, repair(donors, best), self._population)
+        donors = _mutate_population(self._population, best, f, _distinct_partners(rows[5:]))
+        mask = _binomial_mask(cr, crossing, first)
+        trials = np.where(mask, _repair_donors(donors, best), self._population)
         return trials, f, cr
 
     def tell(self, costs: ArrayLike) -> None:
@@ -314,7 +314,7 @@ def adapt(
     return np.where(draws[0] < TAU, new, lowered)
 
 
-def distinct_partners(draws: FloatArray) -> IndexArray:
+def _distinct_partners(draws: FloatArray) -> IndexArray:
     """Return, for each i, k indices that differ from each other and from i.
 
     Every ordered choice is equally likely. The j-th index is drawn from the S - 1 - j that are
@@ -338,7 +338,7 @@ def distinct_partners(draws: FloatArray) -> IndexArray:
     return indices
 
 
-def mutate(
+def _mutate_population(
     population: FloatArray, best: FloatArray, f: FloatArray, partners: IndexArray
 ) -> FloatArray:
     """Return (S, n) donors X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4) (Sec. 3.5.1).
@@ -355,7 +355,7 @@ def mutate(
     return difference
 
 
-def repair(donors: FloatArray, base: FloatArray) -> FloatArray:
+def _repair_donors(donors: FloatArray, base: FloatArray) -> FloatArray:
     """Return (S, n) donors inside the cube.
 
     A gene beyond a bound is put midway between that of the (n,) base vector and the bound.
@@ -364,7 +364,7 @@ def repair(donors: FloatArray, base: FloatArray) -> FloatArray:
     return np.where(donors > 1.0, 0.5 + 0.5 * base, inside)
 
 
-def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> NDArray[np.bool_]:
+def _binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> NDArray[np.bool_]:
     """Return an (S, n) mask of the genes that come from the donor.
 
     Each does with probability CR, and gene `first` always. The (S, n) draws are uniform in [0, 1).

@@ -34,7 +34,7 @@ _REACH = 0.4
 """Greatest distance of the weight from the middle between the axles over the wheelbase [1]."""
 
 
-def weight_for_turn(robot: Robot, width: float) -> tuple[float, float]:
+def _weight_for_turn(robot: Robot, width: float) -> tuple[float, float]:
     """Return where a robot's weight lies whose sides' centres of rotation are so far apart [m].
 
     First is its distance from the middle between the axles [m], in a turn on the spot in closed
@@ -99,7 +99,7 @@ def begin_at(
     # wheels of its own roll as the shares of those say
     numbers["wheel_radius"] = 0.5 * first.vehicle.wheel_radius * (p.alpha_l + p.alpha_r)
     numbers["radius_difference"] = first.vehicle.wheel_radius * (p.alpha_l - p.alpha_r)
-    x, icr = weight_for_turn(robot, p.y_l - p.y_r)
+    x, icr = _weight_for_turn(robot, p.y_l - p.y_r)
     if body.model in SIMULATED:
         x *= robot.mass / robot.base_mass  # its number is that of the base without wheels
     before = body.space.values(body.begun)

@@ -183,7 +183,7 @@ def _joined(parts: Sequence[MotorSamples]) -> MotorSamples:
     return MotorSamples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
 
 
-def torques_of(
+def _torques_of(
     log: DriveLog, chassis: Chassis, constant: float, own_loss: float
 ) -> tuple[FloatArray | None, str]:
     """Return (M, 2) torques of both motors [N m], and a sentence on where they come from.
@@ -246,14 +246,14 @@ def with_torques(source: Source, chassis: Chassis, constant: float, own_loss: fl
         source: a source of a fit.
         chassis: nominal numbers of the robot.
         constant: torque of a side's wheels per ampere of its motor [N m/A]; 0 where it is unknown.
-        own_loss: loss of a side of the plant that is fitted, see `torques_of`.
+        own_loss: loss of a side of the plant that is fitted, see `_torques_of`.
     """
     log = log_of_motions(source.title, source.truth)
     if source.reference != RECORDING or log is None:
         return source
     pieces = source.pieces
     try:
-        torques, said = torques_of(log, chassis, constant, own_loss)
+        torques, said = _torques_of(log, chassis, constant, own_loss)
         if torques is not None:
             ends = np.cumsum([len(motion.t) for motion in source.truth])[:-1]
             parts = zip(pieces, np.split(torques, ends), strict=True)

@@ -219,7 +219,7 @@ def sensor_of(log: DriveLog) -> Sensor:
         return Sensor(kind, 0.0, 0.0, signed=True)
     sizes = np.abs(currents[currents != 0.0])
     idle = 0.5 * float(sizes.min()) if sizes.min() < 0.1 * sizes.max() else 0.0
-    inside = [current[window] for window in steady_windows(log) for current in currents]
+    inside = [current[window] for window in _steady_windows(log) for current in currents]
     ripples = [current.std() for current in inside if current.mean() > 5.0 * max(idle, 0.1)]
     return Sensor(kind, float(np.median(ripples or [1.0])), idle, signed=False)
 
@@ -234,7 +234,7 @@ class MotorSamples(NamedTuple):
     voltages: FloatArray  # (2, n) voltages of the battery [V]
 
 
-def steady_windows(log: DriveLog) -> list[slice]:
+def _steady_windows(log: DriveLog) -> list[slice]:
     """Return the windows of a log in which the wheels turn steadily, each without its beginning."""
     t = log.t
     windows = list[slice]()
@@ -279,7 +279,7 @@ def steady_samples(log: DriveLog) -> tuple[MotorSamples, MotorSamples]:
         ValueError: it has no currents.
     """
     currents = require_currents(log)
-    windows = [(slice(None), window, window) for window in steady_windows(log)]
+    windows = [(slice(None), window, window) for window in _steady_windows(log)]
     voltages = np.full_like(log.rates, _USUAL_VOLTAGE)
     if log.voltages is not None and (on := log.voltages > _BATTERY_ON).any():
         voltages = np.where(on, log.voltages, np.median(log.voltages[on]))

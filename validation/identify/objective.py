@@ -172,7 +172,7 @@ class Rater(ABC):
         return np.concatenate(columns, axis=1)
 
 
-class SyncRater(Rater):
+class _SyncRater(Rater):
     """The sync objective: RMS of position and yaw errors at equal times.
 
     Least squares see the errors of every tenth of a second.
@@ -215,7 +215,7 @@ def _path_costs(poses, truth, k_rms, k_haus, k_ratio, out):
 
 
 @jit_alone
-def path_offsets(poses, truth, every, out):
+def _path_offsets(poses, truth, every, out):
     """Write (S, N, 2) vectors [m] from true positions to the nearest points of (S, L, 3) paths.
 
     The true positions are every `every`-th of (M, 3) poses.
@@ -247,7 +247,7 @@ def path_offsets(poses, truth, every, out):
                     out[i, k, 1] = dy
 
 
-class PathRater(SyncRater):
+class PathRater(_SyncRater):
     """The path objective, Eq. 3.1.
 
     Least squares see the offsets from the true path to the candidate's and the error of the length,
@@ -271,7 +271,7 @@ class PathRater(SyncRater):
         offsets = np.empty((len(poses), len(self._blocks), 2))
 
         def write(i: int, k: int) -> None:
-            path_offsets(poses[i:k], truth, self._every, offsets[i:k])
+            _path_offsets(poses[i:k], truth, self._every, offsets[i:k])
 
         share_among_threads(write, len(poses), workers)
         share = s.k_rms / math.sqrt(offsets.shape[1])
@@ -296,7 +296,7 @@ class PathRater(SyncRater):
         return self._share * costs
 
 
-class HorizonRater(Rater):
+class _HorizonRater(Rater):
     """The horizon objective: mean size of relative pose errors over windows, one every second."""
 
     def __init__(self, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
@@ -414,9 +414,9 @@ def make_raters(cost: FitCost, sources: Sequence[Source]) -> list[Rater]:
         for counts, source in zip(_window_counts(cost, sources), sources, strict=True):
             shares = [len(sources) * count for count in counts]
             for piece in source.pieces:
-                raters.append(HorizonRater(piece, cost, shares, next(first)))
+                raters.append(_HorizonRater(piece, cost, shares, next(first)))
     else:
-        make = PathRater if cost.objective == "path" else SyncRater
+        make = PathRater if cost.objective == "path" else _SyncRater
         for piece, s, block in zip(pieces, seconds, blocks, strict=True):
             raters.append(make(piece, cost, s / sum(seconds), block))
     known = [p.torques is not None and bool(np.isfinite(p.torques).any()) for p in pieces]

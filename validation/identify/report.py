@@ -36,7 +36,7 @@ _STRIPS_IN = 0.8  # height that the panel of strips needs besides [in]
 
 
 @dataclass(frozen=True)
-class FittedParameter:
+class _FittedParameter:
     """One number that a search found."""
 
     name: str
@@ -84,7 +84,7 @@ def fitted_parameters(
     point: FloatArray,
     before: Iterable[float],
     sure: Uncertainty | None = None,
-) -> tuple[FittedParameter, ...]:
+) -> tuple[_FittedParameter, ...]:
     """Return the parameters at an (n,) point of the unit cube, with the values of before.
 
     They have the errors that `sure` knows.
@@ -92,7 +92,7 @@ def fitted_parameters(
     ends = space.values(point).tolist(), before, space.at_bound(point).tolist()
     rows = []
     for k, (p, value, was, bound) in enumerate(zip(space.parameters, *ends, strict=True)):
-        row = FittedParameter(
+        row = _FittedParameter(
             p.name, p.unit, value, p.lower, p.upper, p.scale, before=float(was), at_bound=bound
         )
         if sure is not None and math.isfinite(sure.standard_error[k]):
@@ -155,7 +155,7 @@ class SearchReport(Report, ABC):
     """The search, with all of its generations."""
     seed: int
     """Seed of the search."""
-    parameters: tuple[FittedParameter, ...]
+    parameters: tuple[_FittedParameter, ...]
     """The numbers that were searched, in their order."""
     remarks: Sequence[str]
     """Sentences on the sources, the search and the numbers that it found."""

@@ -30,7 +30,7 @@ WIDTH = 0.1
 _DRIVEN = DriveState(0.0, 0.0, 0.0, 0.0)
 
 
-class EpisodeRows(NamedTuple):
+class _EpisodeRows(NamedTuple):
     """State of S episodes of at most T ticks each; kernels write in place."""
 
     ticks: Any
@@ -51,7 +51,9 @@ class EpisodeRows(NamedTuple):
 
 
 @jit_alone
-def _plan_ticks(rows: EpisodeRows, which: Any, actions: FloatArray, references: FloatArray) -> None:
+def _plan_ticks(
+    rows: _EpisodeRows, which: Any, actions: FloatArray, references: FloatArray
+) -> None:
     """Record (k, 2) commands of the robots `which`; write their (k, n, 2) wheel rates to come."""
     for j in range(len(which)):
         i = which[j]
@@ -99,7 +101,7 @@ def write_view(
 
 @jit_alone
 def _observe_rows(
-    rows: EpisodeRows,
+    rows: _EpisodeRows,
     qpos: FloatArray,
     qvel: FloatArray,
     ahead: Any,
@@ -190,7 +192,7 @@ class TrackBatch:
         self._bounds = source.bounds
         self._ahead = np.array(AHEAD_TICKS)
         most = source.most_ticks
-        self._rows = EpisodeRows(
+        self._rows = _EpisodeRows(
             ticks=np.zeros(count, dtype=np.int64),
             drives=np.zeros((count, 13)),
             held=np.zeros((count, 4)),

@@ -68,7 +68,7 @@ _TYRED_FREE: Free = {
 }
 
 
-def model_of(section: PlantProfile) -> PlanarModel:
+def _model_of(section: PlantProfile) -> PlanarModel:
     """Return the planar model with a profile's numbers."""
     return PlanarModel(section.parameters, section.vehicle, section.drive)
 
@@ -177,7 +177,7 @@ def declare(name: str) -> PlantKind:
         name,
         law.parameters,
         _kinematic_defaults if name == "kinematic" else partial(defaults, law.parameters),
-        lambda section, *_: PlanarPlant(model_of(section)),
+        lambda section, *_: PlanarPlant(_model_of(section)),
         _KINEMATIC if law.ideal else free,
         colour=law.colour,
         vehicle=law.vehicle,
@@ -201,7 +201,7 @@ class _PlanarPopulation:
     ) -> None:
         """Keep the candidates; None stands for one that cannot be built."""
         self._workers = workers
-        self._built = [None if c is None else (model_of(c), c.localiser) for c in candidates]
+        self._built = [None if c is None else (_model_of(c), c.localiser) for c in candidates]
 
     def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.motions`."""

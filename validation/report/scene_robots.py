@@ -31,7 +31,7 @@ _HUSKY_SIZE = (0.984, 0.689)
 """Length and width of a Husky, for which distances in scenes are given [m]."""
 
 
-class Looks:
+class _Looks:
     """The bodies of a robot that stands at the origin, with wheels that have not turned."""
 
     solids: dict[str, dict[str, list[list[FloatArray]]]]
@@ -82,7 +82,7 @@ class Looks:
         return float((self.size[:2] / _HUSKY_SIZE).max())
 
 
-looks_of = lru_cache(maxsize=8)(Looks)
+looks_of = lru_cache(maxsize=8)(_Looks)
 """The looks of a robot, which are made once."""
 
 

@@ -27,7 +27,7 @@ Row = Mapping[str, Any]
 number with its interval."""
 
 
-class TableColumn(NamedTuple):
+class _TableColumn(NamedTuple):
     """A column as it is written, a text for each row."""
 
     heading: str
@@ -82,7 +82,7 @@ class Table:
             groups[-1].append(i)
         return groups
 
-    def columns(self) -> list[TableColumn]:
+    def columns(self) -> list[_TableColumn]:
         """Return the table as it is written, column by column."""
         numbers = {key: _numbers(row.get(key) for row in self.rows) for key in self.keys}
         lengths = list(chain.from_iterable(numbers[key] for key in filter(is_length, numbers)))
@@ -96,7 +96,7 @@ class Table:
             if self.best and key in DECLARED:
                 best = self._best_of(DECLARED[key], texts)
             heading = self.headings.get(key, heading_of(key))
-            columns.append(TableColumn(heading, "" if words else unit.symbol, texts, best, words))
+            columns.append(_TableColumn(heading, "" if words else unit.symbol, texts, best, words))
         return columns
 
     def _best_of(self, metric: Metric, texts: Sequence[str]) -> frozenset[int]:
@@ -189,7 +189,7 @@ def _rich_table(table: Table, width: int | None = None) -> Group:
     return Group(drawn, Text(each_line(caption), style="table.caption"))
 
 
-def _terminal_table(table: Table, columns: Sequence[TableColumn]) -> rich.table.Table:
+def _terminal_table(table: Table, columns: Sequence[_TableColumn]) -> rich.table.Table:
     drawn = rich.table.Table(
         box=box.SIMPLE_HEAD,
         show_edge=False,

@@ -125,7 +125,7 @@ def configuration(interface: str) -> str:
     return _CONFIGURATION.format("address='127.0.0.1' multicast='false'", peers)
 
 
-def load_dds() -> SimpleNamespace:
+def _load_dds() -> SimpleNamespace:
     """Return the modules of cyclonedds by their names; a ValueError says how to install it."""
     names = ("core", "domain", "internal", "pub", "qos", "sub", "topic", "util")
     try:
@@ -139,21 +139,21 @@ def load_dds() -> SimpleNamespace:
 
 
 @cache
-def definitions() -> Typestore:
+def _message_definitions() -> Typestore:
     """Return the definitions of ROS 2's messages by `package/msg/Type`."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def user_data(kind: str) -> bytes:
+def _user_data(kind: str) -> bytes:
     """User data of a reader or writer of a type `package/msg/Type`: its definition's hash."""
-    return f"typehash={definitions().hash_rihs01(kind)};".encode()
+    return f"typehash={_message_definitions().hash_rihs01(kind)};".encode()
 
 
 @cache
-def idl_class(kind: str) -> type[Any]:
+def _idl_class(kind: str) -> type[Any]:
     """Return cyclonedds' class of a type; its name on the wire is `package::msg::dds_::Type_`."""
     package, _, name = kind.split("/")
-    declared = definitions().fielddefs[kind][1]
+    declared = _message_definitions().fielddefs[kind][1]
     fields = {field: _idl_type(node, what) for field, (node, what) in declared}
     idl: Any = importlib.import_module("cyclonedds.idl")
     struct: type[Any] = idl.make_idl_struct(name, f"{package}::msg::dds_::{name}_", fields)
@@ -163,7 +163,7 @@ def idl_class(kind: str) -> type[Any]:
 def _idl_type(node: Any, what: Any) -> Any:
     types = importlib.import_module("cyclonedds.idl.types")
     if node is Nodetype.NAME:
-        return idl_class(what)
+        return _idl_class(what)
     if node is Nodetype.BASE:
         return {"string": str, "bool": bool}.get(what[0]) or getattr(types, what[0])
     element = _idl_type(*what[0])
@@ -173,16 +173,16 @@ def _idl_type(node: Any, what: Any) -> Any:
     return types.sequence[element]
 
 
-def idl_message(kind: str, values: Mapping[str, Any]) -> Any:
+def _idl_message(kind: str, values: Mapping[str, Any]) -> Any:
     """A message of a type with values by its fields; a field that is left out is zero or empty."""
-    fields = definitions().fielddefs[kind][1]
+    fields = _message_definitions().fielddefs[kind][1]
     numbers = [_field_value(node, what, values.get(name)) for name, (node, what) in fields]
-    return idl_class(kind)(*numbers)
+    return _idl_class(kind)(*numbers)
 
 
 def _field_value(node: Any, what: Any, value: Any) -> Any:
     if node is Nodetype.NAME:
-        return idl_message(what, value or {})
+        return _idl_message(what, value or {})
     if node is Nodetype.BASE:
         if value is None:
             return {"string": "", "bool": False}.get(what[0], 0)
@@ -209,7 +209,7 @@ class Node:
     def __init__(self, name: str, graph: Graph) -> None:
         """Join the graph's domain; a ValueError says that it cannot be, or what is missing."""
         domain = graph.domain_number()
-        self._dds = dds = load_dds()
+        self._dds = dds = _load_dds()
         self.graph = graph
         self._clock = time.monotonic
         self._subscriptions: dict[str, _Subscription] = {}
@@ -247,7 +247,7 @@ class Node:
             reliability,
             policy.Durability.TransientLocal if latch else policy.Durability.Volatile,
             policy.History.KeepLast(depth),
-            policy.Userdata(user_data(kind)),
+            policy.Userdata(_user_data(kind)),
             policy.DataRepresentation(
                 use_cdrv0_representation=True, use_xcdrv2_representation=False
             ),
@@ -256,7 +256,7 @@ class Node:
 
     def _topics(self, topic: str, kind: str) -> list[tuple[str, Any]]:
         new = partial(self._dds.topic.Topic, self._participant, f"rt{topic}")
-        return [(form, new(idl_class(form))) for form in (kind, *_ALSO_AS.get(kind, ()))]
+        return [(form, new(_idl_class(form))) for form in (kind, *_ALSO_AS.get(kind, ()))]
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
         """Open a topic for sending, one of Twist for TwistStamped too.
@@ -278,7 +278,7 @@ class Node:
         for k, (writer, form) in enumerate(forms):
             if len(forms) == 1 or writer.get_matched_subscriptions():
                 try:
-                    writer.write(idl_message(form, {"twist": values} if k else values))
+                    writer.write(_idl_message(form, {"twist": values} if k else values))
                 except self._dds.core.DDSException as error:
                     self.say(f"send {topic}", f"{topic}: a message could not be sent: {error.msg}")
 

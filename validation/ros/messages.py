@@ -88,7 +88,7 @@ def _pose(pose: FloatArray) -> Fields:
     return {"position": _vector((pose[0], pose[1], 0.0)), "orientation": _quaternion(pose[2])}
 
 
-def covariance_36(planar: FloatArray) -> list[float]:
+def _covariance_36(planar: FloatArray) -> list[float]:
     """Return a (3, 3) covariance of x, y, yaw, or of their rates, as the 36 numbers of ROS."""
     full = _FLAT_VARIANCE * np.eye(6)
     full[_PLANAR] = planar
@@ -125,8 +125,8 @@ def odometry_message(
     return {
         "header": _header(stamp, ODOM),
         "child_frame_id": BASE,
-        "pose": {"pose": _pose(pose), "covariance": covariance_36(pose_covariance)},
-        "twist": {"twist": twist_message(*twist), "covariance": covariance_36(twist_covariance)},
+        "pose": {"pose": _pose(pose), "covariance": _covariance_36(pose_covariance)},
+        "twist": {"twist": twist_message(*twist), "covariance": _covariance_36(twist_covariance)},
     }
 
 

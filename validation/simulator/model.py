@@ -146,11 +146,11 @@ def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = ""
     weights = model.body_invweight0[robot_parts(model, prefix).wheels, 0].tolist()
     depths = []
     for load, weight in zip(loads, weights, strict=True):
-        depths.append(resting_depth(load / points * weight, *contact))
+        depths.append(_resting_depth(load / points * weight, *contact))
     return np.array(depths)
 
 
-def resting_depth(give: float, solref: tuple[float, float], solimp: Impedance) -> float:
+def _resting_depth(give: float, solref: tuple[float, float], solimp: Impedance) -> float:
     """Return how deep a soft contact is pressed in at rest [m].
 
     A contact with the depth delta has an impedance d(delta), a curve of two power laws, and gives

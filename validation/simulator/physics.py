@@ -35,7 +35,7 @@ class PhysicsSettings:
     solref: tuple[float, float] | None = None
     """Time constant [s] and damping ratio [1] of tyre on ground."""
     solver: Solver | None = None
-    """Constraint solver -> opt.solver; None for the one that `solver_for` chooses."""
+    """Constraint solver -> opt.solver; None for the one that `_solver_for` chooses."""
     iterations: int | None = None
     """Greatest number of solver iterations -> opt.iterations; None for those of `SOLVING`."""
     integrator: Integrator | None = None
@@ -45,7 +45,7 @@ class PhysicsSettings:
 MUJOCO_IMPEDANCE: Impedance = (0.9, 0.95, 0.001, 0.5, 2.0)
 """MuJoCo's default `solimp`."""
 SHIPPED = PhysicsSettings()
-"""A robot's MJCF as it is, solved as `solver_for` says."""
+"""A robot's MJCF as it is, solved as `_solver_for` says."""
 
 SOLVING: Mapping[Solver, tuple[float, int]] = {
     "CG": (3e-10, 400),
@@ -64,7 +64,7 @@ _EASY_RATIO = 0.5
 0.2 on they do not."""
 
 
-def solver_for(settings: PhysicsSettings, friction_ratio: float) -> Solver:
+def _solver_for(settings: PhysicsSettings, friction_ratio: float) -> Solver:
     """Return the constraint solver of a model.
 
     Conjugate gradients solve the shipped physics in two thirds of Newton's time, and their paths
@@ -93,7 +93,7 @@ def apply_settings(
     """
     import mujoco  # slow to import; whoever only names settings does not need it
 
-    solver = solver_for(settings, friction_ratio)
+    solver = _solver_for(settings, friction_ratio)
     tolerance, iterations = SOLVING[solver]
     # All wheels hang on one body: there is one island, and looking for more costs time.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)

@@ -22,7 +22,7 @@ QUASI_STATIC = "quasi_static_load_N"
 """Channel of a motion with the (M, 4) loads by the formula, from that same motion [N]."""
 
 
-def load_model(plant: MujocoPlant) -> LoadModel:
+def _load_model(plant: MujocoPlant) -> LoadModel:
     """Return the numbers of the quasi-static formula, read off a robot's compiled model at rest."""
     model = plant.model
     data = mujoco.MjData(plant.model)
@@ -55,7 +55,7 @@ def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localis
     """Return a motion of the plant's tracked frame with the channel `QUASI_STATIC` added."""
     middle = replace(motion, twist=localiser.body_twist(motion.twist))
     gravity = plant.terrain.gravity_in_body(motion.yaw - localiser.tracked_yaw, GRAVITY)
-    loads = load_model(plant).along(middle, gravity, plant.calibration.wheel_radius)
+    loads = _load_model(plant).along(middle, gravity, plant.calibration.wheel_radius)
     return replace(motion, channels={**motion.channels, QUASI_STATIC: loads})
 
 

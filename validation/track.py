@@ -47,7 +47,6 @@ from validation.experiment.tracked import (
     Followed,
     lost_text,
     reference_of,
-    track_metrics,
 )
 from validation.experiment.user_law import load_user_metric
 from validation.output import Progress, file_name
@@ -283,13 +282,10 @@ def _driven(
     # without a tick there is nothing to report
     if not len(run.t):
         run.require_complete(f"{law.name} on {label} with the plant {robot.name}")
-    metrics = track_metrics(run, waypoints, robot.limits)
-    run = run.until(waypoints.duration)
-    return Followed(
-        plant=robot.name,
-        run=run,
-        target=reference_of(run, waypoints),
-        metrics=metrics,
+    return Followed.of(
+        robot.name,
+        run,
+        waypoints,
         wall_s=wall,
         options={
             "feedback": around.feedback,

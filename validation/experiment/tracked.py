@@ -150,6 +150,20 @@ class Followed:
     wall_s: float = 0.0
     """Time that simulating took [s]."""
 
+    @classmethod
+    def of(
+        cls,
+        plant: str,
+        run: ClosedRun,
+        waypoints: Waypoints,
+        options: Document,
+        wall_s: float = 0.0,
+    ) -> Followed:
+        """Return a robot whose run ends with its reference, see `track_metrics`."""
+        metrics = track_metrics(run, waypoints, options)
+        run = run.until(waypoints.duration)
+        return cls(plant, run, reference_of(run, waypoints), metrics, options, wall_s)
+
     @property
     def real_time_factor(self) -> float:
         """Simulated over wall time; infinite where no time was taken."""

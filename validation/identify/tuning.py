@@ -29,7 +29,7 @@ from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gains import GainSet
 from validation.experiment.loops import AnyController, ClosedLoopRobot, make_controller, run_robots
-from validation.experiment.tracked import Followed, reference_of, track_metrics
+from validation.experiment.tracked import Followed
 from validation.identify.problem import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
@@ -369,12 +369,10 @@ class TuneProblem:
         by_thesis = costs_of(runs, case.target, speed, replace(self.cost, cost="path"))
         rated = {}
         for name, run, cost, thesis in zip(sets, runs, costs, by_thesis, strict=True):
-            limits = case.robot.limits
-            metrics = track_metrics(run, case.waypoints, limits)
-            metrics["cost"] = float(cost)
-            metrics["thesis_cost"] = float(thesis)
-            target = reference_of(run, case.waypoints)
-            rated[name] = Followed(case.robot.name, run, target, metrics, limits)
+            followed = Followed.of(case.robot.name, run, case.waypoints, case.robot.limits)
+            followed.metrics["cost"] = float(cost)
+            followed.metrics["thesis_cost"] = float(thesis)
+            rated[name] = followed
         return rated
 
     def identity(self) -> dict[str, object]:

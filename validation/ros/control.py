@@ -20,8 +20,7 @@ from validation.experiment.loops import (
     make_robot,
     open_path,
 )
-from validation.experiment.tracked import Followed, reference_of, track_metrics
-from validation.output import Document
+from validation.experiment.tracked import Followed
 from validation.plants.profile import choose_profile
 from validation.report.report import INTERRUPTED
 from validation.report.tracking import Tracked
@@ -299,22 +298,19 @@ def control(options: Control) -> Tracked:
             why = str(error)
     finally:
         node.close()
-    run = follower.run()
     waypoints = follower.waypoints
-    conditions = _conditions(o, follower)
-    metrics = track_metrics(run, waypoints, conditions)
-    run = run.until(waypoints.duration)
-    followed = Followed(
-        plant="ros",
-        run=run,
-        target=reference_of(run, waypoints),
-        metrics=metrics,
-        options=conditions,
-        wall_s=loop.drove,
-    )
-    about: Document = {"status": status, "failure": StoppedError(why) if why else None}
+    conditions = {
+        "feedback": f"{o.feedback} by ROS",
+        "judged_by": o.pose if follower.tracked else o.odometry,
+        "lookahead_m": o.lookahead,
+        "v_max_m_s": follower.v_limit,
+        "w_max_rad_s": follower.w_limit,
+        "velocity_period_s": VELOCITY_PERIOD,
+        "held_s": follower.held_time,
+        "late_s": follower.late,
+    }
     return Tracked.of(
-        [followed],
+        [Followed.of("ros", follower.run(), waypoints, conditions, loop.drove)],
         law.name,
         reference,
         waypoints.speed,
@@ -322,7 +318,8 @@ def control(options: Control) -> Tracked:
         profile=profile,
         remarks=[*remarks, *_remarks(follower, status)],
         stopped_because=why,
-        **about,
+        status=status,
+        failure=StoppedError(why) if why else None,
     )
 
 
@@ -359,17 +356,3 @@ def _remarks(follower: PathFollower, status: str) -> list[str]:
     if follower.late > LATE:
         remarks.append(f"Warning: {_late_sentence(follower.late)}.")
     return remarks
-
-
-def _conditions(o: Control, follower: PathFollower) -> Document:
-    """Return the conditions of a drive for its report."""
-    return {
-        "feedback": f"{o.feedback} by ROS",
-        "judged_by": o.pose if follower.tracked else o.odometry,
-        "lookahead_m": o.lookahead,
-        "v_max_m_s": follower.v_limit,
-        "w_max_rad_s": follower.w_limit,
-        "velocity_period_s": VELOCITY_PERIOD,
-        "held_s": follower.held_time,
-        "late_s": follower.late,
-    }

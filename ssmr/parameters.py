@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections import Counter, namedtuple
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral, Real
 from types import MappingProxyType
@@ -155,6 +155,16 @@ def _require(name: str, value: float, low: float, high: float, open_low: bool) -
 MOST_SEED = 2**63 - 1
 """Greatest seed: generators take greater ones, but the files that a seed is recorded in hold 64
 bits."""
+
+
+def require_one_of(name: str, known: Collection[str], trouble: str) -> None:
+    """Check that a name is known.
+
+    Raises:
+        ValueError: it is not; the message begins with the `trouble`, and lists all names.
+    """
+    if name not in known:
+        raise ValueError(f"{trouble}; there are: {', '.join(known)}")
 
 
 def require_within(

@@ -22,7 +22,7 @@ import tyro
 from ssmr.errors import SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.models.law import PlanarLaw
-from ssmr.parameters import require_within
+from ssmr.parameters import require_one_of, require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Trajectory
 from validation import cli
@@ -409,8 +409,8 @@ def _searched(o: Fit, names: Sequence[str], tags: Mapping[str, Sequence[str]]) -
     known = {*logs, *grounds}
     for name in (*names, *o.fix, *o.bounds, *(o.guess if isinstance(o.guess, Mapping) else ())):
         _, at, tag = name.partition("@")
-        if at and tag not in known:
-            raise ValueError(f"{name} names no log and no ground; there are: {', '.join(known)}")
+        if at:
+            require_one_of(tag, known, f"{name} names no log and no ground")
     free = [name for name in names if name not in o.fix]
     split = split_by_log(free, logs if len(logs) > 1 else (), grounds if len(grounds) > 1 else ())
     return [name for name in split if name not in o.fix]

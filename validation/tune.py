@@ -20,7 +20,7 @@ import tyro
 
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
-from ssmr.parameters import require_within
+from ssmr.parameters import require_one_of, require_within
 from ssmr.search.jde import JdeSettings
 from validation import cli, output
 from validation.experiment.gains import (
@@ -366,15 +366,10 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
 
     They are those that are named, else the published ones, else the defaults.
     """
-    if o.controller not in LAWS:
-        raise ValueError(f"unknown controller '{o.controller}'; there are: {', '.join(LAWS)}")
     published = "published" in shipped_sets(o.controller)
     base = load_gains(o.controller, o.gains or ("published" if published else DEFAULT))
     for name in o.fix:
-        if name not in base.values:
-            raise ValueError(
-                f"{o.controller} has no gain '{name}'; there are: {', '.join(base.values)}"
-            )
+        require_one_of(name, base.values, f"{o.controller} has no gain '{name}'")
     base = replace(base, values={**base.values, **cli.read_value(o.fix)})
     # gains that no controller can have are refused before a search begins
     make_controller(profile, base)

@@ -19,7 +19,7 @@ from ssmr.control import lqr, mpc, pid
 from ssmr.control.law import Command, Gains, Law, Matrix, Memory, Observation
 from ssmr.control.mission import PythonController
 from ssmr.control.waypoints import Errors, Target
-from ssmr.parameters import described
+from ssmr.parameters import described, require_one_of
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 
@@ -111,14 +111,11 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
     Raises:
         ValueError: an unknown controller or name, or numbers that the law refuses.
     """
-    if controller not in LAWS:
-        choices = ", ".join(CONTROLLERS)
-        raise ValueError(f"unknown controller '{controller}'; there are: {choices}")
+    require_one_of(controller, LAWS, f"unknown controller '{controller}'")
     kind = LAWS[controller].gains
     names = described(kind)
     for name in values:
-        if name not in names:
-            raise ValueError(f"{controller} has no gain '{name}'; there are: {', '.join(names)}")
+        require_one_of(name, names, f"{controller} has no gain '{name}'")
     return kind(**values)
 
 

@@ -43,7 +43,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.errors import ControllerError, SsmrError
 from ssmr.estimation.ekf import initial_belief
 from ssmr.estimation.settings import EkfSettings
-from ssmr.parameters import packed, require_in_range
+from ssmr.parameters import packed, require_in_range, require_one_of
 from ssmr.robot.drive import whole_steps
 from ssmr.robot.sensors import SensorModel, SensorNoise, yaw_disturbance
 from ssmr.types import FloatArray, Motion, Plant, State, Trajectory
@@ -89,8 +89,8 @@ class LoopSettings:
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown feedback, or a look-ahead or period out of range."""
-        if self.feedback not in ("truth", "noisy", "ekf"):
-            raise ValueError(f"unknown feedback '{self.feedback}'; there are: truth, noisy, ekf")
+        feedbacks = ("truth", "noisy", "ekf")
+        require_one_of(self.feedback, feedbacks, f"unknown feedback '{self.feedback}'")
         require_in_range(self, "lookahead", 0.0, LOST / 2.0)
         require_in_range(self, "rest", 0.0, 60.0)
         require_in_range(self, "standing", 0.0, 3600.0)

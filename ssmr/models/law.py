@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from numba.extending import overload
 
-from ssmr.parameters import numbers_of
+from ssmr.parameters import numbers_of, require_one_of
 from ssmr.robot.drive import Motor, Sides
 from ssmr.robot.vehicle import Vehicle
 
@@ -100,8 +100,7 @@ def planar_law(name: str) -> PlanarLaw:
     """
     if name in OWN_MODELS:
         return OWN_MODELS[name]
-    if name not in PLANAR_MODELS:
-        raise ValueError(f"unknown planar model '{name}'; there are: {', '.join(PLANAR_MODELS)}")
+    require_one_of(name, PLANAR_MODELS, f"unknown planar model '{name}'")
     law: PlanarLaw = import_module(f"ssmr.models.{name}").LAW
     return law
 

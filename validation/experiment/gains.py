@@ -20,7 +20,7 @@ import tomli_w
 from msgspec import Meta
 
 from ssmr.control.laws import LAWS
-from ssmr.parameters import described
+from ssmr.parameters import described, require_one_of
 from validation import output
 from validation.files import reading
 from validation.output import Document
@@ -152,8 +152,7 @@ def dump_gains(gains: GainSet) -> str:
 
 
 def _gains_of(controller: str) -> tuple[str, ...]:
-    if controller not in FIELDS:
-        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(FIELDS)}")
+    require_one_of(controller, FIELDS, f"unknown controller '{controller}'")
     return FIELDS[controller]
 
 

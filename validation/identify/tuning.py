@@ -23,7 +23,7 @@ from ssmr.metrics.paths import (
     path_length,
 )
 from ssmr.models.four_wheel_plant import FourWheelPlant
-from ssmr.parameters import MOST_SEED, described, require_within
+from ssmr.parameters import MOST_SEED, described, require_one_of, require_within
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, Trajectory
@@ -165,10 +165,7 @@ def make_tuning_space(
             free = (*free, *(name for name in searchable if name not in free))
     names = [name for name in free if name not in fixed]
     for name in (*names, *bounds):
-        if name not in searchable:
-            raise ValueError(
-                f"{controller} has no gain '{name}' to tune; there are: {', '.join(searchable)}"
-            )
+        require_one_of(name, searchable, f"{controller} has no gain '{name}' to tune")
         if name not in names:
             raise ValueError(f"bounds are given for {name}, which is not free")
     parameters = []

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ssmr.parameters import described
+from ssmr.parameters import described, require_one_of
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.search.space import Parameter, ParameterSpace
@@ -89,10 +89,7 @@ def find(plant: str, name: str, robot: Robot) -> Parameter:
     """
     numbers = {s.name: s for s in searchable(plant, robot)}
     number = name.partition("@")[0]
-    if number not in numbers:
-        raise ValueError(
-            f"{plant} has no parameter '{number}' to fit; there are: {', '.join(numbers)}"
-        )
+    require_one_of(number, numbers, f"{plant} has no parameter '{number}' to fit")
     return replace(numbers[number], name=name)
 
 

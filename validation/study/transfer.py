@@ -22,6 +22,7 @@ from scipy.stats import kendalltau
 from ssmr.control.laws import PLAIN_CONTROLLERS, Controller
 from ssmr.control.loop import LoopSettings
 from ssmr.control.waypoints import Waypoints
+from ssmr.parameters import require_one_of
 from ssmr.types import FloatArray
 from validation import cli, output
 from validation.experiment.gains import DEFAULT, GainSet, load_gains, shipped_sets
@@ -146,8 +147,7 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> dict[str, tuple[str
     speeds = _SPEEDS[-1:] if o.quick else _SPEEDS
     for named in o.references or references:
         name, speed_named = split_speed(named)
-        if name not in REFERENCES:
-            raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}")
+        require_one_of(name, REFERENCES, f"no reference '{name}'")
         for speed in speeds if speed_named is None else (speed_named,):
             slowed = slowed_to_feasible(REFERENCES[name](speed), robot)
             # two speeds that the robot cannot drive are one

@@ -36,7 +36,7 @@ BAD_FILES: dict[str, tuple[str | bytes, str]] = {
     ),
     "no time": (
         "x,y\n0,0\n1,1\n",
-        ", line 1: there is no column t [s]: add one, or give the reference speed",
+        ", line 1: there is no column t among",
     ),
     "twice": (
         "t,x,y,X\n0,0,0,0\n1,1,1,1\n",

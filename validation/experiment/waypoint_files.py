@@ -24,7 +24,7 @@ from validation.files.reading import FileError, quoted
 
 _HEADER = (
     "a file of waypoints begins with a header that names x and y [m] and, "
-    "if it brings its times, t [s]"
+    "if it brings its times, t [s]; one that brings none needs a speed, such as 0.25 m/s"
 )
 _UNITS = {"x": "m", "y": "m", "t": "s"}
 _DEFAULT_SPEED = 0.25
@@ -82,11 +82,6 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
 def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str]) -> None:
     """Refuse a table whose columns, of these names, are not each of the `wanted` ones once."""
     for name in wanted:
-        if name not in names and name == "t":
-            what = (
-                "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s"
-            )
-            raise FileError(table.path, what, table.header_line)
         if name not in names:
             what = f"there is no column {name} among {quoted(table.header)}; {_HEADER}"
             raise FileError(table.path, what, table.header_line)

@@ -50,7 +50,6 @@ from validation.report.scene_robots import (
     bright,
     looks_of,
     shades_of,
-    tinted,
 )
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
@@ -276,17 +275,14 @@ def _pose_columns(pose: FloatArray) -> Any:
 
 
 def _shapes(kind: str, solids: Sequence[Sequence[FloatArray]], track: Track, opaque: bool) -> Any:
-    fill_mode = rr.components.FillMode.TransparentFillMajorWireframe
-    darkest = 0.6
-    if opaque:
-        fill_mode = rr.components.FillMode.Solid
-        darkest = 0.25
+    modes = rr.components.FillMode
     sizes, middles, quats, colours = (np.array(part) for part in zip(*solids, strict=True))
     if track.name != "mujoco":
-        colours = np.array([tinted(rgba, bright(track.name), darkest) for rgba in colours])
+        shade = 0.4 + 0.6 * colours[:, :3].max(axis=1, keepdims=True)
+        colours[:, :3] = shade * np.array(bright(track.name)) / 255.0
     look: dict[str, Any] = {
         "colors": np.round(255.0 * colours).astype(np.uint8),
-        "fill_mode": fill_mode,
+        "fill_mode": modes.Solid if opaque else modes.TransparentFillMajorWireframe,
         "quaternions": [quat_wxyz_to_xyzw(quat) for quat in quats],
     }
     if kind == "cylinder":

@@ -86,16 +86,6 @@ looks_of = lru_cache(maxsize=8)(_Looks)
 """The looks of a robot, which are made once."""
 
 
-def tinted(rgba: FloatArray, rgb: Rgb, darkest: float) -> FloatArray:
-    """Return a (4,) colour as a shade of another.
-
-    Black becomes `darkest` times `rgb`, a bright colour `rgb`.
-    """
-    luma = float(rgba[:3] @ [0.299, 0.587, 0.114])  # ITU-R BT.601
-    shade = min(darkest + luma, 1.0) * np.array(rgb) / 255.0
-    return np.append(shade, rgba[3])
-
-
 @dataclass(frozen=True, eq=False)
 class Track:
     """One robot of the scene, a plant or the recorded one.

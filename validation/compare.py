@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
@@ -45,9 +45,9 @@ from validation.experiment.sources import (
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.files.log import ReadOptions
-from validation.output import file_name, one_line
+from validation.output import Document, file_name, one_line
 from validation.plants.profile import Profile, choose_profile, make_plant
-from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants, plant_kind
+from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants, plant_kind
 from validation.report.comparison import Comparison
 from validation.report.motions import health_warnings
 from validation.simulator.description import with_robot
@@ -108,18 +108,17 @@ class Compare(cli.Filmed, ReadOptions):
             name += "-" + cli.text_of(self.terrain).replace(":", "-")
         return Path("runs") / "compare" / file_name(name)
 
-    def as_dict(self) -> dict[str, Any]:
+    @property
+    def names_robot(self) -> bool:
+        """Whether a profile or a robot is given."""
+        return self.profile is not None or self.robot is not None
+
+    def as_dict(self) -> Document:
         """Return the options as compare.json has them; the seed stands beside them."""
-        names = ("input", "horizons", "noise", "disturbance")
+        names = ("input", "horizons", "noise", "disturbance", "adapt", "until")
         options = {name: getattr(self, name) for name in names}
-        options["terrain"] = cli.text_of(self.terrain)
-        if self.adapt is not None:
-            options["adapt"] = self.adapt
-        if self.since is not None:
-            options["from"] = self.since
-        if self.until is not None:
-            options["until"] = self.until
-        return options
+        options |= {"terrain": cli.text_of(self.terrain), "from": self.since}
+        return {name: value for name, value in options.items() if value is not None}
 
 
 @cli.program(Compare)
@@ -138,8 +137,9 @@ def compare(o: Compare) -> Comparison:
     reference = o.reference or source.reference
     plants = _made(o, profile, source, own)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    unknown = _unknown_robot(o, source, profile)
-    doubts = [*_too_fast(profile, source), *profile.unfitted(plants)]
+    unknown = [] if o.names_robot else unknown_robot_notes(source, profile.robot)
+    pace = pace_of(source.truth, profile.robot.wheel_radius)
+    doubts = [*profile.too_fast(pace, source.title), *profile.unfitted(plants)]
     foreign = driver_warnings(plants, profile.robot)
     for warning in (*source.warnings, *unknown[1:], *doubts, *foreign):
         cli.warn(warning)
@@ -214,9 +214,7 @@ def _opened(o: Compare) -> tuple[Profile, Source]:
     is_trajectory = name.partition("@")[0] in TRAJECTORIES
     default = "thesis-lab" if is_trajectory else profile_of_log(name)
     profile = choose_profile(o.profile, o.robot, default)
-    radius = None
-    if o.profile is not None or o.robot is not None:
-        radius = profile.robot.wheel_radius
+    radius = profile.robot.wheel_radius if o.names_robot else None
     kind: CommandKind = "wheels" if o.input == "wheels" else "twist"
     return profile, open_source(o.source, kind, o.since, o.until, o, radius)
 
@@ -230,31 +228,13 @@ def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> d
     driven = {*plants, *own, o.reference or source.reference}
     if source.reference == RECORDING:
         driven.discard(RECORDING)
-    if unknown := ", ".join(sorted(name for name in driven if not is_plant(name))):
-        raise ValueError(
-            f"unknown plant '{unknown}'; there are: {', '.join(names)}; or give the path of an "
-            "MJCF (.xml)"
-        )
+    for name in sorted(driven):
+        plant_kind(name)  # an unknown one is refused before another is built
     # in the order of tables, and then the robots of others
     ordered = [name for name in names if name in driven]
     ordered += sorted(driven - set(ordered))
     terrain = cli.read_value(o.terrain)
     return {name: make_plant(profile, name, terrain) for name in ordered}
-
-
-def _unknown_robot(o: Compare, source: Source, profile: Profile) -> list[str]:
-    """Return the notes on a log of a robot that nobody named."""
-    if o.profile is None and o.robot is None:
-        return unknown_robot_notes(source, profile.robot)
-    return []
-
-
-def _too_fast(profile: Profile, source: Source) -> list[str]:
-    """Return a sentence on a log that is faster than what the profile was fitted to."""
-    if not source.truth:
-        return []
-    pace = pace_of(source.truth, profile.robot.wheel_radius)
-    return profile.too_fast(pace, source.title)
 
 
 def _noisy(runs: Mapping[str, Run], reference: str, seed: int) -> dict[str, Run]:

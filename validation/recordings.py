@@ -41,7 +41,6 @@ from validation.output import file_name, write_json
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
-from validation.simulator.description import Robot
 
 _OURS = b'"ssmr.info/1"'
 """Text in files that are replaced unasked, for this program wrote them."""
@@ -70,12 +69,7 @@ class LogOptions(cli.Options, ReadOptions):
     @property
     def radius(self) -> float | None:
         """Radius of the robot's wheels [m]; None where no robot is named."""
-        robot = self.robot
-        if robot is None:
-            return None
-        if not isinstance(robot, Robot):
-            robot = load_robot(robot)
-        return robot.wheel_radius
+        return None if self.robot is None else load_robot(self.robot).wheel_radius
 
     def opened(self) -> Inspected:
         """Return the log, to be looked at."""
@@ -316,12 +310,7 @@ def convert(o: Convert) -> LogReport:
     if o.unbias:
         log = unbiased(log, inspected.rest)
     merged = log.cut(o.since, o.until).on_one_clock(o.rate)
-    return Conversion(
-        title=log.path.name,
-        asked=o,
-        inspected=inspected,
-        merged=merged,
-    )
+    return Conversion(title=log.path.name, asked=o, inspected=inspected, merged=merged)
 
 
 # --- tables and sentences ---
@@ -457,24 +446,22 @@ def _sentences(found: Inspected) -> list[str]:
 # --- the command line ---
 
 
-def _command(
-    program: cli.Program[Any, Any], option: str, ending: str = ""
-) -> Callable[[Any], None]:
-    """Return the function behind a subcommand.
+def _command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
+    """Return the function behind a subcommand, which writes its file.
 
-    It writes the file that `option` names, or with an `ending` one in runs/recordings.
+    A conversion that names none has one in runs/recordings.
     """
 
     def main(o: Any) -> None:
-        named = o.json if option == "--json" else o.out
+        named = o.out if isinstance(o, Convert) else o.json
         target = None if named is None else Path(named)
         source = log_name(o.source)
         if target is not None:
             check_apart(target, source)
             _require_free(target, o.overwrite)
             cli.require_writable(target.parent)
-        elif ending:
-            target = Path("runs") / "recordings" / (file_name(Path(source).stem) + ending)
+        elif isinstance(o, Convert):
+            target = Path("runs") / "recordings" / f"{file_name(Path(source).stem)}.csv"
         info: LogReport = program.run(o)
         if target is not None:
             info.write(target)
@@ -493,10 +480,7 @@ def _require_free(path: Path, overwrite: bool) -> None:
         )
 
 
-PROGRAM = {
-    "info": _command(info, "--json"),
-    "convert": _command(convert, "--out", ".csv"),
-}
+PROGRAM = {"info": _command(info), "convert": _command(convert)}
 
 if __name__ == "__main__":
     cli.run(PROGRAM, "python -m validation.recordings")

@@ -102,7 +102,7 @@ class CheckRobot(cli.Common):
         """Return the folder that the files are written to."""
         if not isinstance(self.robot, Robot) and is_description(self.robot):
             return Path("runs") / "robots" / file_name(Path(self.robot).stem)
-        return Path("runs") / "robots" / file_name(_loaded(self.robot).name)
+        return Path("runs") / "robots" / file_name(load_robot(self.robot).name)
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
@@ -218,7 +218,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     elif o.controller is not None:
         raise ValueError("--controller goes with a URDF, an SDF or an MJCF; ROBOT is none")
     foreign = None if draft is None else draft.foreign
-    robot = _loaded(o.robot) if draft is None else draft.robot
+    robot = load_robot(o.robot) if draft is None else draft.robot
     findings = static_findings(robot, foreign)
     if foreign is not None and foreign.kind == "mjcf":
         if o.engine != "mujoco":
@@ -261,10 +261,6 @@ def _verdict(robot: Robot, findings: Sequence[Finding]) -> str:
     if findings:
         return f"{robot.name}: no fault found"
     return f"{robot.name}: nothing is wrong with it"
-
-
-def _loaded(robot: str | Path | Robot) -> Robot:
-    return robot if isinstance(robot, Robot) else load_robot(robot)
 
 
 def _sizes_of(robot: Robot) -> dict[str, float]:
@@ -491,7 +487,7 @@ def export_robot(
         ValueError: the profile cannot be read, is another robot's or has no place in the format,
             the step has none or cannot be, or the robot cannot turn.
     """
-    chosen = _loaded(robot)
+    chosen = load_robot(robot)
     if timestep is not None and to != "mjcf":
         raise ValueError(f"timestep: {to} has no place for it, only mjcf has")
     if profile is not None and to in ("urdf", "sdf"):

@@ -213,7 +213,12 @@ def band_of(parts: Sequence[Driven], by_log: bool = False) -> Band | None:
 
 
 def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:
-    """Return the pace of motions; the speed is that of wheels of a radius [m], if there are any."""
+    """Return the pace of motions; the speed is that of wheels of a radius [m], if there are any.
+
+    Without motions it is zero.
+    """
+    if not motions:
+        return Pace()
     v = np.concatenate([m.twist[:, 0] for m in motions])
     w = np.concatenate([m.twist[:, 2] for m in motions])
     wheels = radius * np.concatenate([m.wheels.mean(axis=1) for m in motions])

@@ -267,7 +267,7 @@ def choose_profile(
         profile = load_profile(profile)
     if robot is None:
         return profile or load_profile(default)
-    chosen = robot if isinstance(robot, Robot) else load_robot(robot)
+    chosen = load_robot(robot)
     if profile is None:
         common = load_profile(default)
         return common if common.robot == chosen else bare_profile(chosen)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from ssmr.parameters import require_one_of
 from ssmr.types import FloatArray, Trajectory
 from validation.plants.profile import Profile
 from validation.report.drawing import (
@@ -119,8 +120,7 @@ class DrivenRobots(Report, ABC):
             ValueError: it was not driven.
         """
         motions = self.motions()
-        if plant not in motions:
-            raise ValueError(f"no plant '{plant}' was driven; there are: {', '.join(motions)}")
+        require_one_of(plant, motions, f"no plant '{plant}' was driven")
         return motions[plant][piece]
 
     @property

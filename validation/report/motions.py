@@ -17,7 +17,6 @@ from ssmr.metrics.windows import (
     SHORTEST_BLOCK_S,
     OverlappingErrors,
 )
-from ssmr.parameters import require_one_of
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gyro import GyroJudge
 from validation.experiment.runs import Runs

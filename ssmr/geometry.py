@@ -92,10 +92,12 @@ def yaw_to_quat_wxyz(yaw: ArrayLike) -> FloatArray:
 def quat_wxyz_to_yaw(quat: ArrayLike) -> FloatArray:
     """Return the (...) heading in (-pi, pi] of (..., 4) quaternions, w first.
 
-    It is the direction of the rotated x axis. A quaternion's length does not matter.
+    It is the direction of the rotated x axis, whatever their lengths; NaN for a length of 0.
     """
     q = np.asarray(quat, dtype=np.float64)
-    w, x, y, z = np.moveaxis(q, -1, 0)
+    size = np.max(np.abs(q), axis=-1, keepdims=True)
+    # so that no square is too large or too small
+    w, x, y, z = np.moveaxis(q / np.where((size > 0.0) & (size < np.inf), size, np.nan), -1, 0)
     sine = 2.0 * (w * z + x * y)
     cosine = w * w + x * x - y * y - z * z
     return np.asarray(np.arctan2(sine, cosine))

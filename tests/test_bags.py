@@ -371,7 +371,7 @@ def test_stamps_that_stand_still_are_no_clock(tmp_path: Path) -> None:
         ]
     log = read_log(write(tmp_path, "mcap", messages))
     np.testing.assert_allclose(log.groups["wheels"].t, 0.05 * np.arange(40), atol=1e-6)
-    assert any("equal, so the times of writing count" in remark for remark in log.remarks)
+    assert any("stand still, so the times of writing count" in remark for remark in log.remarks)
     at_once = [(name, 0.0, made) for name, _, made in messages]
     with pytest.raises(FileError, match="all messages have one and the same time"):
         read_log(write(tmp_path, "mcap", at_once, name="at_once"))

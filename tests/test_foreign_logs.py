@@ -124,23 +124,49 @@ def test_a_trajectory_comes_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.columns["yaw"], YAW, atol=1e-9)
 
 
-@pytest.mark.parametrize("length", [0.5, 1.1, 1.0])
-def test_the_length_of_a_quaternion_turns_nothing(length: float, tmp_path: Path) -> None:
-    """In TUM, in a table and in a bag alike."""
-    quat = length * yaw_to_quat_wxyz(YAW)[:, [1, 2, 3, 0]]
-    rows = np.column_stack([T, T, -T, 0.0 * T, quat])
-    np.savetxt(tmp_path / "a.tum", rows, fmt="%.12g")
-    names = "t,x,y,z,qx,qy,qz,qw"
-    np.savetxt(tmp_path / "a.csv", rows, fmt="%.12g", delimiter=",", header=names, comments="")
+MEDIA = ("csv", "tum", "mcap")
+
+
+def written_poses(folder: Path, medium: str, quats: FloatArray) -> Path:
+    """A file of poses that are turned by (M, 4) quaternions, w last."""
+    path = folder / f"a.{medium}"
+    if medium == "csv":
+        quat = {f"q{axis}": quats[:, k] for k, axis in enumerate("xyzw")}
+        return table(path, {"t": T, "x": T, "y": -T, **quat})
+    if medium == "tum":
+        np.savetxt(path, np.column_stack([T, T, -T, 0.0 * T, quats]), fmt="%.17g")
+        return path
     messages: list[bag_factory.Message] = []
-    for t, x, y, _, *turn in rows.tolist():
-        pose = {"position": {"x": x, "y": y}, "orientation": dict(zip("xyzw", turn, strict=True))}
+    for t, quat in zip(T.tolist(), quats.tolist(), strict=True):
+        pose = {"position": {"x": t, "y": -t}, "orientation": dict(zip("xyzw", quat, strict=True))}
         made = "geometry_msgs/msg/PoseStamped", bag_factory.stamped(t, pose=pose)
         messages.append(("/pose", t, made))
-    bag = bag_factory.write(tmp_path, "mcap", messages)
-    for path in (tmp_path / "a.tum", tmp_path / "a.csv", bag):
-        yaw = read_log(path).columns["yaw"]
-        assert np.abs(np.angle(np.exp(1j * (yaw - YAW)))).max() < 1e-6, path.suffix
+    return bag_factory.write(folder, medium, messages)
+
+
+@pytest.mark.parametrize("medium", MEDIA)
+def test_the_length_of_a_quaternion_turns_nothing(tmp_path: Path, medium: str) -> None:
+    quats = yaw_to_quat_wxyz(YAW)[:, [1, 2, 3, 0]]
+    sizes = 10.0 ** np.random.default_rng(1).uniform(-9.0, 9.0, (len(T), 1))
+    log = read_log(written_poses(tmp_path, medium, sizes * quats))
+    np.testing.assert_allclose(log.columns["yaw"], YAW, atol=1e-9)
+
+
+@pytest.mark.parametrize("medium", MEDIA)
+def test_a_quaternion_without_length_is_no_heading_of_zero(tmp_path: Path, medium: str) -> None:
+    quats = yaw_to_quat_wxyz(1.0 + YAW)[:, [1, 2, 3, 0]]
+    quats[100] = 0.0
+    assert read_log(written_poses(tmp_path, medium, quats)).columns["yaw"].min() > 0.0
+
+
+@pytest.mark.parametrize("column", [0, slice(4, 8)])
+def test_a_trajectory_needs_two_poses(tmp_path: Path, column: int | slice) -> None:
+    path = written_poses(tmp_path, "tum", yaw_to_quat_wxyz(YAW))
+    rows = np.loadtxt(path)
+    rows[:, column] = 0.0
+    np.savetxt(path, rows)
+    with pytest.raises(FileError, match="fewer than two poses"):
+        read_log(path)
 
 
 def spiked(c: Columns) -> Columns:

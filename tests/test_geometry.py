@@ -87,7 +87,7 @@ def test_the_integral_of_straight_rates_is_exact() -> None:
 
 @given(
     quat=st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1),
-    length=st.floats(1e-3, 1e3),
+    length=st.floats(1e-300, 1e300) | st.floats(0.1, 10.0),
 )
 def test_scaling_a_quaternion_turns_nothing(
     quat: tuple[float, float, float, float], length: float
@@ -100,3 +100,8 @@ def test_scaling_a_quaternion_turns_nothing(
     yaw = float(quat_wxyz_to_yaw(length * unit))
     turned = np.array([np.cos(yaw), np.sin(yaw)])
     assert turned @ ahead / np.hypot(*ahead) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_quaternion_without_length_has_no_heading() -> None:
+    quats = [[0.0, 0.0, 0.0, 0.0], [np.nan, 0.0, 0.0, 1.0], [np.inf, 0.0, 0.0, 1.0]]
+    assert np.all(np.isnan(quat_wxyz_to_yaw(quats)))

@@ -34,7 +34,7 @@ from validation.files.formats import (
 )
 from validation.files.inspection import REST_LEAST, Inspected, open_log, unbiased
 from validation.files.log import Log, ReadOptions
-from validation.files.offsets import Offset, synchronised
+from validation.files.offsets import Offset, synchronised, why_without_stamps
 from validation.files.reading import FileError, exists, read_file
 from validation.files.sensors import Signals
 from validation.output import file_name, write_json
@@ -354,12 +354,22 @@ def _uses(found: Inspected) -> str:
     """Return the signals for which a log is good enough, and how late the robot follows."""
     good = found.good_for()
     words = {name: f"{name} {'yes' if good[name] else 'no'}" for name in _USES}
-    for o in found.offsets:
-        if o.late == "cmd" and good["commands"] and o.seconds > 0.0:
-            words["commands"] += f" (stamped {o.seconds:.2f} s after the robot obeyed)"
-        elif o.late == "cmd" and good["commands"]:
-            words["commands"] += f" (the robot follows {-o.seconds:.2f} s later)"
+    if good["commands"]:
+        words["commands"] += _delay_of_commands(found)
     return f"good enough for: {', '.join(words.values())}"
+
+
+def _delay_of_commands(found: Inspected) -> str:
+    """Return how late the robot follows, in brackets; nothing where that is not found."""
+    why = why_without_stamps(found.log)
+    seconds = [offset.seconds for offset in found.offsets if offset.late == "cmd"]
+    if not seconds:
+        return f" (how late the robot follows cannot be told: {why})" if why else ""
+    if seconds[0] > 0.0:
+        return f" (stamped {seconds[0]:.2f} s after the robot obeyed)"
+    # late writing of the others moves commands without stamps ahead
+    less = ", less the time that writing took" if why else ""
+    return f" (the robot follows {-seconds[0]:.2f} s later{less})"
 
 
 def _without_pose(signals: Signals) -> str:

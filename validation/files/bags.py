@@ -209,7 +209,7 @@ def read_bag(path: Path, options: ReadOptions, radius: float | None = None) -> L
             cannot be used.
     """
     topics, clock = read_topics(path, options)
-    longest = max((topic.t for topic in topics), key=len, default=np.empty(0))
+    longest = max((topic.t for topic in topics if topic.columns), key=len, default=np.empty(0))
     if len(longest) > 1 and longest[0] == longest[-1]:
         raise FileError(path, "all messages have one and the same time, so nothing moves")
     finite = {topic.name: _finite(topic) for topic in topics}

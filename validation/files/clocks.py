@@ -7,7 +7,6 @@ simulation's runs slower than the time of writing. What has no stamps is brought
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -25,10 +24,10 @@ _STEADY = 0.5
 _LATE_SHARE = 0.1
 """Share of messages that may be written that late, as those are that are kept for later [1]."""
 _NO_STAMPS = "the messages have no stamps"
-_FROZEN = "the stamps of all messages are equal"
+_FROZEN = "the stamps of the messages stand still"
 _PROMPT = 98.0
-"""Percentile of a topic's stamps less its times of writing that stands for the difference of the
-two clocks: writing is never early, and single stamps may be wrong."""
+"""Percentile of stamps, less their times of writing, that stands for the difference of the two
+clocks: writing is never early, and single stamps may be wrong."""
 _PAIRS = 4
 """Pairs of samples that are this part of a topic apart tell the rate of its clock."""
 
@@ -67,17 +66,36 @@ class _Clock(NamedTuple):
         return np.interp(at, (self.written - origin).astype(np.float64), self.ahead)
 
     @property
-    def least_late(self) -> float:
-        """How far the stamps are ahead of writing where that was hardly late [s]."""
-        return float(np.percentile(self.ahead, _PROMPT))
-
-    @property
     def rate(self) -> float:
         """Seconds of the clock in a second of writing; one jump does not matter."""
         apart = max(1, len(self.written) // _PAIRS)
         spans = np.maximum(self.written[apart:] - self.written[:-apart], 1)
         steps = self.header[apart:] - self.header[:-apart]
         return float(np.median(steps / spans)) if len(spans) else 1.0
+
+    @property
+    def steady_rate(self) -> float:
+        """The rate by the messages of either half that were written least late."""
+        if len(self.header) < 2:
+            return self.rate
+        since = (self.written - self.written[0]).astype(np.float64)
+        off = self.header - self.header[0] - self.rate * since
+        ends = [np.percentile(half, _PROMPT) for half in np.array_split(off, 2)]
+        middles = [np.mean(half) for half in np.array_split(since, 2)]
+        return self.rate + float(np.diff(ends)[0] / max(np.diff(middles)[0], 1.0))
+
+    def on_line(self, written: Stamps) -> Stamps:
+        """Return the (K,) stamps at other times of writing, at a constant rate from the first."""
+        since = (written - self.written[0]).astype(np.float64)
+        return self.header[0] + np.rint(self.steady_rate * since).astype(np.int64)
+
+    def above_line(self, *others: _Clock) -> FloatArray:
+        """Return how far the stamps of topics lie above that line, least and most [s].
+
+        Single stamps may be wrong, and do not count.
+        """
+        off = [other.header - self.on_line(other.written) for other in others]
+        return np.percentile(np.concatenate(off) * 1e-9, (100.0 - _PROMPT, _PROMPT))
 
     @property
     def jumps(self) -> bool:
@@ -109,18 +127,15 @@ def on_one_clock(
         stamps: of each topic the (N,) times of writing and the (N,) stamps of its messages, 0 for
             none [ns].
     """
-    without = {k: why for k, (_, header) in enumerate(stamps) if (why := _why_not(header))}
-    clocks = {}
-    for k, (written, header) in enumerate(stamps):
-        if k not in without:
-            clocks[k] = _Clock(written[header != 0], header[header != 0])
+    clocks, without = _clocks_of(stamps)
     sharing = {}
     for k, clock in clocks.items():
         sharing[k] = [j for j, other in clocks.items() if clock.is_shared(other)]
 
-    def rank(k: int) -> tuple[bool, int, int, int]:
-        ahead = abs(float(np.median(clocks[k].ahead)))
-        return not clocks[k].jumps, len(sharing[k]), -round(ahead), len(clocks[k].header)
+    def rank(k: int) -> tuple[bool, int, float, int]:
+        # of all that share the clock, so that its origin does not choose among them
+        ahead = min(abs(float(np.median(clocks[j].ahead))) for j in sharing[k])
+        return not clocks[k].jumps, len(sharing[k]), -ahead, len(clocks[k].header)
 
     lead = max(clocks, key=rank, default=-1)
     if lead < 0 or not _believed(clocks[lead], len(sharing[lead])):
@@ -128,8 +143,8 @@ def on_one_clock(
         told = [without.get(k, jumps) for k in range(len(stamps))]
         return [_written(w, w, what) for (w, _), what in zip(stamps, told, strict=True)], ""
     first = clocks[lead]
-    # that of the clocks themselves: each topic is written late in its own way, and none early
-    ahead = max(clocks[k].least_late for k in sharing[lead])
+    # each topic is written late in its own way, and none early
+    ahead = float(first.above_line(*(clocks[k] for k in sharing[lead]))[1])
     sentence = ""
     if abs(first.rate - 1.0) * float(np.ptp(first.written)) * 1e-9 > _SAME_CLOCK:
         sentence = (
@@ -139,21 +154,32 @@ def on_one_clock(
         )
     timed = []
     for k, (written, header) in enumerate(stamps):
+        brought = _bring_onto(written, first, ahead)
         if k in without:
-            timed.append(_written(written, _bring_onto(written, first, ahead), without[k]))
+            timed.append(_written(written, brought, without[k]))
         elif k in sharing[lead] and first.goes_with(clocks[k]):
             timed.append(Timed(header != 0, clocks[k].header))
         else:
-            timed.append(_corrected(names[k], header != 0, clocks[k], first))
+            timed.append(_corrected(names[k], header != 0, clocks[k], first, brought))
     return timed, sentence
 
 
-def _why_not(header: Stamps) -> str:
-    """Return why stamps, 0 for none, are no clock; empty where they may be one."""
-    has = header[header != 0]
-    if 2 * len(has) <= len(header):
-        return _NO_STAMPS
-    return _FROZEN if len(has) > 1 and not np.ptp(has) else ""
+def _clocks_of(
+    stamps: Sequence[tuple[Stamps, Stamps]],
+) -> tuple[dict[int, _Clock], dict[int, str]]:
+    """Return the clocks of the topics that have one, and why the others have none, by topic."""
+    clocks = {}
+    without = {}
+    for k, (written, header) in enumerate(stamps):
+        has = header != 0
+        clock = _Clock(written[has], header[has])
+        if 2 * np.count_nonzero(has) <= len(has):
+            without[k] = _NO_STAMPS
+        elif clock.rate <= 0.0:
+            without[k] = _FROZEN
+        else:
+            clocks[k] = clock
+    return clocks, without
 
 
 def _written(written: Stamps, ns: Stamps, remark: str) -> Timed:
@@ -171,12 +197,11 @@ def _believed(clock: _Clock, sharing: int) -> bool:
 def _bring_onto(at: Stamps, clock: _Clock, ahead: float) -> Stamps:
     """Return the (K,) stamps by another topic's clock of what was written `at`.
 
-    A clock that keeps its distance is `ahead` of writing by that many seconds.
+    Where that clock keeps its rate, the stamps are `ahead` of its line by that many seconds.
     """
-    if np.ptp(np.percentile(clock.ahead, (2.0, 98.0))) < _STEADY:
+    if np.ptp(clock.above_line(clock)) < _STEADY:
         # so that late writing of that topic moves nothing
-        whole = math.floor(ahead)
-        return at + whole * 1_000_000_000 + round((ahead - whole) * 1e9)
+        return clock.on_line(at) + round(ahead * 1e9)
     x = (clock.written - clock.written[0]).astype(np.float64)
     y = np.maximum.accumulate(clock.header - clock.header[0]).astype(np.float64)
     t = (at - clock.written[0]).astype(np.float64)
@@ -184,8 +209,11 @@ def _bring_onto(at: Stamps, clock: _Clock, ahead: float) -> Stamps:
     return clock.header[0] + np.rint(np.interp(t, x, y) + clock.rate * beyond).astype(np.int64)
 
 
-def _corrected(name: str, kept: BoolArray, clock: _Clock, first: _Clock) -> Timed:
-    """Return a topic of another clock: with its own stamps if only the origins differ."""
+def _corrected(name: str, kept: BoolArray, clock: _Clock, first: _Clock, brought: Stamps) -> Timed:
+    """Return a topic of another clock: with its own stamps if only the origins differ.
+
+    Otherwise it has those that were `brought` onto the first clock.
+    """
     others = first.ahead_at(clock.written)
     difference = clock.ahead - others
     usual = float(np.median(difference))
@@ -199,6 +227,4 @@ def _corrected(name: str, kept: BoolArray, clock: _Clock, first: _Clock) -> Time
         )
         return Timed(kept, clock.header - round(usual * 1e9), fault=fault)
     remark = "the messages' clock jumps, or runs at another rate than that of the other topics"
-    return Timed(
-        kept, _bring_onto(clock.written, first, first.least_late), remark, f"{name}: {remark}"
-    )
+    return Timed(kept, brought[kept], remark, f"{name}: {remark}")

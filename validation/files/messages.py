@@ -6,7 +6,6 @@ A child process does this, see `bags`.
 from __future__ import annotations
 
 import itertools
-import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -41,11 +40,8 @@ def _twist(twist: Any) -> dict[str, float]:
 
 def _pose(position: Any, orientation: Any) -> dict[str, float]:
     quat = [getattr(orientation, axis) for axis in "wxyz"]
-    # a quaternion of zeros is a field that nobody filled; not every driver normalises
-    yaw = math.nan
-    if any(quat) and all(abs(q) < 1e3 for q in quat):
-        yaw = float(quat_wxyz_to_yaw(quat))
-    return {"x": position.x, "y": position.y, "yaw": yaw}
+    # one of zeros, a field that nobody filled, has none
+    return {"x": position.x, "y": position.y, "yaw": float(quat_wxyz_to_yaw(quat))}
 
 
 def _stamped(m: Any, pose: Any, numbers: Mapping[str, float] = MappingProxyType({})) -> _Rows:

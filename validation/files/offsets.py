@@ -114,6 +114,11 @@ def _steps_of(signals: Signals) -> tuple[NewPoses, BoolArray] | None:
     return poses, np.isin(poses.rows[1:], () if jumps is None else jumps.index)
 
 
+def why_without_stamps(log: Log) -> str:
+    """Return why the commands of a log have no stamps of their own; nothing where they do."""
+    return "".join(topic.remark for topic in log.topics if topic.role == "cmd")
+
+
 def estimate_offsets(signals: Signals) -> list[Offset]:
     """Estimate delays behind the first sensor of `SENSORS`.
 
@@ -122,8 +127,10 @@ def estimate_offsets(signals: Signals) -> list[Offset]:
     heading with that of the wheels, whose own delay is added. The delay of commands is negative,
     because a robot follows them. Signals that do not resemble the first, or are zero, are left out.
     Samples that were only logged again do not count, nor do jumps of the localiser.
+    Commands that have no stamps of their own, and would come after what they cause, have none.
     """
     steps = _steps_of(signals)
+    has_no_stamps = bool(why_without_stamps(signals.log))
     turning = {name: _Rate(each.t, each.turn, each.group) for name, each in signals.told.items()}
     if steps is not None:
         turning["pose"] = _of_steps(*steps, _slopes(steps[0])[:, 2])
@@ -131,7 +138,8 @@ def estimate_offsets(signals: Signals) -> list[Offset]:
     offsets = []
     for name in others:
         lag = _lag(turning[reference], turning[name])
-        if lag is not None:
+        comes_after = name == "cmd" and has_no_stamps and lag is not None and lag[0] > 0.0
+        if lag is not None and not comes_after:
             offsets.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
     for name in ("wheels", "odom"):
         told = signals.told.get(name)

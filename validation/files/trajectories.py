@@ -42,12 +42,18 @@ def read_trajectory(path: Path, options: ReadOptions, radius: float | None = Non
         raise FileError(path, f"there are {there}; {wanted}, all finite")
     remarks = list[str]()
     if width == 8:
-        anew = np.append(True, np.diff(table[:, 0]) != 0.0)
-        if not np.all(anew):
-            many = np.count_nonzero(~anew)
-            remarks.append(f"poses with the stamp of the one before, left out: {many}")
-        t, x, y = table[anew, :3].T
-        yaw = quat_wxyz_to_yaw(table[anew][:, [7, 4, 5, 6]])
+        yaw = quat_wxyz_to_yaw(table[:, [7, 4, 5, 6]])
+        turned = np.isfinite(yaw)
+        again = np.append(False, np.diff(table[:, 0]) == 0.0)
+        left = {"whose quaternion is zero": ~turned, "with the stamp of the one before": again}
+        for what, lost in left.items():
+            if np.any(lost):
+                remarks.append(f"poses {what}, left out: {np.count_nonzero(lost)}")
+        kept = turned & ~again
+        if np.count_nonzero(kept) < 2:
+            raise FileError(path, f"there are fewer than two poses: {'; '.join(remarks)}")
+        t, x, y = table[kept, :3].T
+        yaw = yaw[kept]
     else:
         t = np.asarray(_KITTI_DT * np.arange(rows), dtype=np.float64)
         x, y, z = table[:, [3, 7, 11]].T

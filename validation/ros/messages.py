@@ -231,4 +231,4 @@ def _read_pose(pose: Any) -> tuple[float, float, float]:
     length = float(np.linalg.norm(quat))
     if not length > _LEAST_LENGTH:
         raise ValueError(f"orientation has length {length:g}: it is no quaternion")
-    return x, y, float(quat_wxyz_to_yaw(quat / length))
+    return x, y, float(quat_wxyz_to_yaw(quat))

@@ -9,7 +9,9 @@ import numpy as np
 from ssmr.robot.drivetrain import _quasi_static_twist, battery_current, side_forces
 from ssmr.types import FloatArray
 from validation.files.log import Log
-from validation.identify.motor_logs import Chassis, DriverLaw, chassis_of, driven_rates
+from validation.identify.blocks import FitNumbers
+from validation.identify.driver import driven_rates
+from validation.identify.motor_logs import Chassis, chassis_of
 from validation.plants.profile import choose_profile, load_profile
 
 HUSKY, WARTHOG = (
@@ -18,7 +20,15 @@ HUSKY, WARTHOG = (
 )
 
 
-LAW = DriverLaw(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
+LAW = {
+    "dead_time": 0.08,
+    "gain": 1.04,
+    "half_track": 0.29,
+    "yaw_rate_limit": 1.0,
+    "acceleration": 2.2,
+    "yaw_acceleration": 1.9,
+    "lag": 0.04,
+}
 FRICTION, LOSSES, SLIP, RHO, INERTIA = 11.0, (2.0, 2.8), 0.09, 0.15, 0.2
 """Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A
 s^2/rad]."""
@@ -43,13 +53,13 @@ class Motion(NamedTuple):
 
 
 def random_drive(
-    seed: int, commands: int, chassis: Chassis, law: DriverLaw = LAW, most: float = 0.7
+    seed: int, commands: int, chassis: Chassis, law: FitNumbers = LAW, most: float = 0.7
 ) -> Motion:
     """Return random commands of 6 s each after 3 s of rest, and the wheel rates of a driver."""
     rng = np.random.default_rng(seed)
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])
     held = np.repeat(chosen, [300, *[600] * commands], axis=0)
-    late = round(law.dead_time / _FINE)
+    late = round(law["dead_time"] / _FINE)
     rates = driven_rates(held, _FINE, law, chassis)[:, : len(held) - late]
     rates = np.hstack([np.zeros((2, 1 + late)), rates])
     return Motion(np.arange(len(held) + 1) * _FINE, np.vstack([held, held[-1:]]), rates)
@@ -108,7 +118,7 @@ def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -
     rng = np.random.default_rng(seed)
     chassis = WARTHOG
     motion = random_drive(
-        seed, commands, chassis, LAW._replace(yaw_rate_limit=3.0, half_track=0.55), most=1.2
+        seed, commands, chassis, {**LAW, "yaw_rate_limit": 3.0, "half_track": 0.55}, most=1.2
     )
     effort, yaw = _effort(motion.rates, chassis, SLIP)
     torque = TORQUE * effort + np.array(LOSS_TORQUES)[:, None] * np.sign(motion.rates)

@@ -441,14 +441,13 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        30_100,
+        31_900,
         19,
-        82,
+        88,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; "
         "the better judge of turns; "
-        "friction: torques from a simulation or a log's currents (what study drivetrain knew of "
-        "these)",
+        "friction: torques from a simulation or a log's currents; a robot's driver and inertia",
     ),
     "validation/learning": Price(
         6_700,
@@ -501,8 +500,8 @@ PRICES = {
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
-        15_700,
-        12,
+        13_300,
+        10,
         42,
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),

@@ -24,14 +24,23 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import ROUNDOFF
 from tests.robots import TRACK, WHEELBASE
-from validation.identify.motor_logs import Chassis, DriverLaw, driven_rates
+from validation.identify.driver import driven_rates
+from validation.identify.motor_logs import Chassis
 
 HUSKY = Vehicle(wheel_radius=0.1651, half_track=0.5 * TRACK, a=0.5 * WHEELBASE, b=0.5 * WHEELBASE)
 SOLVED = 1e-9
 """Forces over friction limits that a Newton step of 1e-12 m/s leaves, with slip scales from 0.01
 on."""
 DT = 0.01
-LAW = DriverLaw(0.1, 1.05, 0.29, 1.0, 2.0, 1.9, 1e-6)
+LAW = {
+    "dead_time": 0.1,
+    "gain": 1.05,
+    "half_track": 0.29,
+    "yaw_rate_limit": 1.0,
+    "acceleration": 2.0,
+    "yaw_acceleration": 1.9,
+    "lag": 1e-6,
+}
 UP = Chassis("up", HUSKY, 73.3, 0.1651, 1.0)
 
 rates = st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0)).map(
@@ -155,7 +164,7 @@ def test_a_driver_is_the_drive_of_the_plants() -> None:
     """Without the shared limit, the law is that of `ssmr.robot.drive`, to a step."""
     rng = np.random.default_rng(3)
     commands = np.repeat(rng.uniform([-0.4, -0.8], [0.4, 0.8], (20, 2)), 300, axis=0)
-    law = LAW._replace(gain=1.0, lag=0.05)
+    law = {**LAW, "gain": 1.0, "lag": 0.05}
     drive = Drive(
         delay_v=0.1,
         delay_w=0.1,
@@ -168,7 +177,7 @@ def test_a_driver_is_the_drive_of_the_plants() -> None:
     )
     commanded = wheel_references(Commands(DT, commands), drive, DT, State()) * drive.command_radius
     free = UP._replace(speed_limit=10.0, command_radius=drive.command_radius)
-    late = round(law.dead_time / DT)
+    late = round(law["dead_time"] / DT)
     made = driven_rates(commands, DT, law, free).T * drive.command_radius
     assert np.allclose(made[:-late], commanded[late:], atol=1e-12)
 
@@ -181,7 +190,7 @@ def test_a_driver_keeps_its_limits() -> None:
     wanted = 1.05 * 0.9 - 0.29, 1.05 * 0.9 + 0.29  # the yaw rate is limited to 1
     assert left / right == pytest.approx(wanted[0] / wanted[1], rel=ROUNDOFF)
     slow = driven_rates(np.tile([0.4, 0.0], (400, 1)), DT, LAW, UP).T * UP.command_radius
-    assert np.diff(slow[:, 0]).max() <= 1.05 * LAW.acceleration * DT + 1e-12
+    assert np.diff(slow[:, 0]).max() <= 1.05 * LAW["acceleration"] * DT + 1e-12
     assert slow[-1] == pytest.approx([0.42, 0.42], rel=ROUNDOFF)
 
 

@@ -26,10 +26,10 @@ from tests.drive_train_logs import (
     on_grass,
     warthog_on_grass,
 )
+from validation.identify.driver import rate_evidence
 from validation.identify.motor_logs import _steady_windows, drive_log, steady_samples
 from validation.report.report import Report
 from validation.study.drivetrain import study_drivetrain
-from validation.study.drivetrain_logs import rate_evidence
 
 UP, GRASS, WARTHOG = in_the_air(), on_grass(), warthog_on_grass()
 SHORT: dict[str, Any] = {"recording": UP, "ground": GRASS}
@@ -58,11 +58,11 @@ KNOWN = {
     "slip_scale": (SLIP, 0.08),
     "rho": (RHO, 0.1),
     "inertia_current": (INERTIA, 0.12),
-    "driver_gain": (LAW.gain, 0.005),
-    "driver_half_track": (LAW.half_track, 0.02),
-    "driver_yaw_rate_limit": (LAW.yaw_rate_limit, 0.02),
-    "driver_acceleration": (LAW.acceleration, 0.08),
-    "driver_yaw_acceleration": (LAW.yaw_acceleration, 0.05),
+    "driver_gain": (LAW["gain"], 0.005),
+    "driver_half_track": (LAW["half_track"], 0.02),
+    "driver_yaw_rate_limit": (LAW["yaw_rate_limit"], 0.02),
+    "driver_acceleration": (LAW["acceleration"], 0.08),
+    "driver_yaw_acceleration": (LAW["yaw_acceleration"], 0.05),
 }
 """True numbers of a Husky's logs, and the greatest relative error of each: about three standard
 errors of 30 commands with noise and messages every 0.15 s."""
@@ -81,7 +81,7 @@ def test_known_numbers_of_a_husky_are_found(husky: Report) -> None:
     # dead time and lag can stand in for each other; their sum is known to a quarter of the log's
     # period
     assert measured["driver_dead_time"] + measured["driver_lag"] == pytest.approx(
-        LAW.dead_time + LAW.lag, abs=0.0125
+        LAW["dead_time"] + LAW["lag"], abs=0.0125
     )
 
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
-from ssmr.robot.drive import wheel_references
-from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.types import CURRENTS, VOLTAGES, Commands, FloatArray, State, Trajectory
+from ssmr.robot.vehicle import Vehicle
+from ssmr.types import CURRENTS, VOLTAGES, FloatArray, Trajectory
 from validation.files.formats import read_log
 from validation.files.log import Log
 from validation.output import Document
@@ -63,50 +60,6 @@ def chassis_of(profile: Profile, mass: float | None = None) -> Chassis:
     return Chassis(
         robot.name, vehicle, mass or body.mass, robot.drive.command_radius, robot.drive.v_max
     )
-
-
-class DriverLaw(NamedTuple):
-    """The numbers of a driver that turns commands into rim speeds."""
-
-    dead_time: float  # time from a command to its effect [s]
-    gain: float  # rim speed over commanded speed when driving straight [1]
-    # difference of a side's rim speed from the middle's, over the commanded yaw rate [m]
-    half_track: float
-    yaw_rate_limit: float  # greatest yaw rate that is obeyed [rad/s]
-    acceleration: float  # greatest rate of change of the commanded speed [m/s^2]
-    yaw_acceleration: float  # greatest rate of change of the commanded yaw rate [rad/s^2]
-    lag: float  # time constant with which the rims follow [s]
-
-
-def driven_rates(commands: FloatArray, dt: float, law: DriverLaw, chassis: Chassis) -> FloatArray:
-    """Return (2, n) wheel rates [rad/s] that a driver asks for at the end of each period.
-
-    The dead time is left out. No rim is faster than the chassis allows: where one would be, both
-    sides are slowed by the same share.
-
-    Args:
-        commands: (n, 2) speeds [m/s] and yaw rates [rad/s], each held for `dt` [s]; before them
-            all stands.
-        dt: see above.
-        law: numbers of the driver.
-        chassis: nominal numbers of the robot.
-    """
-    drive = Drive(
-        v_max=math.inf,
-        w_max=law.yaw_rate_limit,
-        delay_v=0.0,
-        delay_w=0.0,
-        hold=dt,
-        command_half_track=law.half_track / law.gain,
-        command_radius=chassis.command_radius / law.gain,
-        acceleration_v=law.acceleration,
-        acceleration_w=law.yaw_acceleration,
-    )
-    wanted = wheel_references(Commands(dt, commands), drive, dt, State()).T
-    fastest = chassis.command_radius * np.abs(wanted).max(axis=0)
-    stays = math.exp(-dt / law.lag)
-    limited = wanted / np.maximum(fastest / chassis.speed_limit, 1.0)
-    return np.asarray(lfilter([1.0 - stays], [1.0, -stays], limited))
 
 
 def loss_of(plant: PlantProfile) -> float:

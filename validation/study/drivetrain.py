@@ -14,9 +14,18 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ssmr.parameters import require_within
+from ssmr.types import FloatArray
 from validation import cli
 from validation.files.log import Log
 from validation.identify.currents import CurrentFit, fit_currents
+from validation.identify.driver import (
+    LEAST_COMMANDS,
+    DriverFit,
+    fit_driver,
+    fit_inertia,
+    held_commands,
+    rate_evidence,
+)
 from validation.identify.motor_logs import (
     FIT_SHARE,
     Chassis,
@@ -32,14 +41,6 @@ from validation.report.report import FINISHED, INTERRUPTED
 from validation.report.table import Row, Table
 from validation.simulator.description import GRAVITY
 from validation.study.common import Study, StudyOptions
-from validation.study.drivetrain_fit import (
-    LEAST_COMMANDS,
-    DriverFit,
-    InertiaFit,
-    fit_driver,
-    fit_inertia,
-)
-from validation.study.drivetrain_logs import held_commands, rate_evidence
 
 # resistance over voltage constant of a Husky's motors, where no log on the ground tells it [rad/s
 # per A]
@@ -77,6 +78,19 @@ _SCALED = {
 """Names of numbers as currents and as torques: the torque constant makes one of the other."""
 
 
+_CURRENTS = (
+    "Share of the variance of the currents in steady driving that is explained, R², "
+    "if they are those of the rule.\n"
+    "samples: of what was held out, sample by sample."
+)
+_MEASURED = "Whether wheel rates are measured"
+_RATES = (
+    "scatter: median standard deviation of a wheel rate long after a held command.\n"
+    "step: of which all rates are multiples. "
+    "Rates that do not scatter, or that come in steps, are the driver's set points."
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class DriveTrainStudy(StudyOptions):
     """Options of the study of a drive train."""
@@ -104,25 +118,14 @@ class DriveTrainStudy(StudyOptions):
         require_within(self, ("torque_constant", "mass"), 1e-6, 1e6)
 
 
-def _numbers_found(
-    driver: DriverFit | None,
-    currents: CurrentFit | None,
-    inertia: InertiaFit | None,
-    chassis: Chassis,
-    constant: float | None,
+def _scaled_numbers(
+    found: dict[str, FloatArray], chassis: Chassis, constant: float | None
 ) -> dict[str, Row]:
     """Return value, standard error, unit and meaning of every number that was found, by name.
 
-    What currents tell are currents where they are the motors', and torques where they are the
-    battery's; the torque constant [N m/A] makes one of the other.
+    The torque constant [N m/A] makes torques of currents, and currents of torques; the weight makes
+    a friction coefficient of a torque.
     """
-    found = {} if currents is None else currents.found.pairs()
-    if currents is not None:
-        found["friction_current"] = found.pop("friction")
-        if currents.best["kind"] == "battery":
-            found = {_SCALED.get(name, name): pair for name, pair in found.items()}
-    if inertia is not None:
-        found["inertia_current"] = inertia.value
     if constant is not None:
         for current, torque in _SCALED.items():
             if current in found:
@@ -132,14 +135,13 @@ def _numbers_found(
     if "friction_torque" in found:
         most = 0.5 * chassis.mass * GRAVITY * chassis.vehicle.wheel_radius
         found["friction"] = found["friction_torque"] / most
-    pairs = {} if driver is None else driver.found.pairs()
-    # no command asks for more than a limit that nothing depends on
-    found |= {f"driver_{name}": pair for name, pair in pairs.items() if pair[1] > 1e-9}
-    return {
-        name: {"value": pair[0], "standard_error": pair[1], "unit": unit, "meaning": meaning}
-        for name, (unit, meaning) in _MEANINGS.items()
-        if (pair := found.get(name)) is not None
-    }
+    numbers = dict[str, Row]()
+    for name, (unit, meaning) in _MEANINGS.items():
+        if name in found:
+            value, error = found[name]
+            row = {"value": value, "standard_error": error, "unit": unit, "meaning": meaning}
+            numbers[name] = row
+    return numbers
 
 
 def _judging_logs(
@@ -183,53 +185,55 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
     driver = None
     currents = None
     inertia = None
+    kind = None
+    found: dict[str, FloatArray] = {}
     status = FINISHED
     try:
         if commanded is not None:
             others = [log for log in named if log is not commanded]
             driver = fit_driver(commanded, alike, others, chassis)
+            for name, pair in driver.found.pairs().items():
+                # no command asks for more than a limit that nothing depends on
+                found |= {f"driver_{name}": pair} if pair[1] > 1e-9 else {}
             o.progress(Progress(1, 3, "commands and wheel rates"))
         if ground is not None:
             currents = fit_currents(ground, driven, chassis)
+            kind = currents.best["kind"]
+            for name, pair in currents.found.pairs().items():
+                key = "friction_current" if name == "friction" else name
+                # what a battery's currents tell are torques
+                found[_SCALED.get(key, key) if kind == "battery" else key] = pair
             o.progress(Progress(2, 3, "currents on the ground"))
         if driver and up and up.currents is not None and not (up.on_ground or up.signed):
             rho = _USUAL_RHO if currents is None else currents.found.values.get("rho", _USUAL_RHO)
             inertia = fit_inertia(driver, rho)
+            found |= {} if inertia is None else {"inertia_current": inertia[0]}
             o.progress(Progress(3, 3, "inertia"))
     except KeyboardInterrupt:
         if not (driver or currents):
             raise
         status = INTERRUPTED
-    numbers = _numbers_found(driver, currents, inertia, chassis, o.torque_constant)
+    numbers = _scaled_numbers(found, chassis, o.torque_constant)
     evidence = [rate_evidence(log) for log in (*named, *held_out)]
-    vehicle = chassis.vehicle
-    robot = chassis._asdict()
-    del robot["vehicle"]
-    robot["geometry"] = {
-        "radius": vehicle.wheel_radius,
-        "half_track": vehicle.half_track,
-        "half_base": vehicle.a,
-    }
-    document = {
-        "schema": "ssmr.study/1",
-        "study": "drivetrain",
-        "robot": robot,
-        "wheel_rate_rms_rad_s": driver and driver.rms,
-        "current_r2": currents and currents.best["held_out"],
-        "current_r2_samples": currents and currents.best["samples"],
-        "current_is": currents and currents.best["kind"],
-        "wheel_rates_are": evidence[0]["wheel_rates_are"],
-        "parameters": numbers,
-        "inertia": inertia and inertia.estimates,
-        "samples": currents and currents.sensor._asdict(),
-        "held_out_share": 0.0 if o.held_out else 1.0 - FIT_SHARE,
-        "torque_constant_N_m_A": o.torque_constant,
-    }
     return Study(
         title=f"Drive train of {chassis.name}: {', '.join(log.name for log in named)}",
-        about=document,
-        shown=_make_tables(numbers, driver, currents, evidence),
-        remarks=_write_sentences(o, chassis, currents),
+        about={
+            "schema": "ssmr.study/1",
+            "study": "drivetrain",
+            "robot": _robot_document(chassis),
+            "wheel_rate_rms_rad_s": driver and driver.rms,
+            "current_r2": currents and currents.best["held_out"],
+            "current_r2_samples": currents and currents.best["samples"],
+            "current_is": kind,
+            "wheel_rates_are": evidence[0]["wheel_rates_are"],
+            "parameters": numbers,
+            "inertia": inertia and inertia[1],
+            "samples": currents and currents.sensor._asdict(),
+            "held_out_share": 0.0 if o.held_out else 1.0 - FIT_SHARE,
+            "torque_constant_N_m_A": o.torque_constant,
+        },
+        shown=[*_make_tables(numbers, driver, currents), Table(_MEASURED, evidence, _RATES)],
+        remarks=_write_sentences(o, chassis, kind),
         status=status,
         panels=_draw_panels(driver, currents),
         options={"seed": o.seed, "robot": chassis.name, "mass": chassis.mass},
@@ -237,51 +241,16 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
 
 
 def _make_tables(
-    numbers: dict[str, Row],
-    driver: DriverFit | None,
-    currents: CurrentFit | None,
-    evidence: Sequence[Row],
+    numbers: dict[str, Row], driver: DriverFit | None, currents: CurrentFit | None
 ) -> list[Table]:
-    """The numbers, how well they predict the logs, and whether the logs are measured."""
+    """Return the numbers, and how well they predict the logs."""
     rows = [{"number": name, **row} for name, row in numbers.items()]
     rates = driver.scores if driver else []
     return [
         Table("Numbers", rows, "From the whole of each log."),
         Table("Wheel rates from commands", rates, "rms: after held commands."),
         Table("What the currents show", currents.scores if currents else [], _CURRENTS),
-        Table("Whether wheel rates are measured", evidence, _RATES),
     ]
-
-
-_CURRENTS = (
-    "Share of the variance of the currents in steady driving that is explained, R², "
-    "if they are those of the rule.\n"
-    "samples: of what was held out, sample by sample."
-)
-_RATES = (
-    "scatter: median standard deviation of a wheel rate long after a held command.\n"
-    "step: of which all rates are multiples. "
-    "Rates that do not scatter, or that come in steps, are the driver's set points."
-)
-
-
-def _write_sentences(
-    o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
-) -> list[str]:
-    says = []
-    if o.robot is None and o.profile is None:
-        says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")
-    if currents is not None and currents.best["kind"] == "motor" and o.torque_constant is None:
-        says.append(
-            "Unknown without torque_constant: friction torque, friction coefficient and "
-            "inertia of the rotors."
-        )
-    if currents is not None and currents.best["kind"] == "battery":
-        says.append(
-            "Power fixes the torques' scale; the friction coefficient is as good as the mass, "
-            f"{chassis.mass:g} kg."
-        )
-    return says
 
 
 def _draw_panels(driver: DriverFit | None, currents: CurrentFit | None) -> list[drawing.PanelRow]:
@@ -291,6 +260,34 @@ def _draw_panels(driver: DriverFit | None, currents: CurrentFit | None) -> list[
     if currents is not None:
         panels.append(drawing.PanelRow(3.4, [partial(_draw_currents, currents)]))
     return panels
+
+
+def _robot_document(chassis: Chassis) -> Document:
+    """Return the nominal numbers of the robot, as study.json has them."""
+    sizes = chassis.vehicle
+    half_base = sizes.a
+    geometry = {"radius": sizes.wheel_radius, "half_track": sizes.half_track}
+    document = {**chassis._asdict(), "geometry": {**geometry, "half_base": half_base}}
+    del document["vehicle"]
+    return document
+
+
+def _write_sentences(o: DriveTrainStudy, chassis: Chassis, kind: str | None) -> list[str]:
+    """Return what its user has to know; `kind` is whose currents the log has."""
+    says = []
+    if o.robot is None and o.profile is None:
+        says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")
+    if kind == "motor" and o.torque_constant is None:
+        says.append(
+            "Unknown without torque_constant: friction torque, friction coefficient and "
+            "inertia of the rotors."
+        )
+    if kind == "battery":
+        says.append(
+            "Power fixes the torques' scale; the friction coefficient is as good as the mass, "
+            f"{chassis.mass:g} kg."
+        )
+    return says
 
 
 def _draw_rates(driver: DriverFit, ax: Axes) -> None:

@@ -33,6 +33,7 @@ from validation.experiment.scores import (
     standing_sentences,
 )
 from validation.experiment.sources import (
+    RECORDING,
     AnySource,
     Piece,
     Source,
@@ -77,7 +78,6 @@ from validation.identify.targets import (
     is_scenario,
     open_sources,
     score_pieces,
-    tags_of,
     worse_sentences,
 )
 from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty, estimate, sentences
@@ -398,14 +398,14 @@ def _occasion_of(o: Fit) -> Occasion:
     return "scenario" if all(map(is_scenario, o.names)) else o.input
 
 
-def _searched(o: Fit, names: Sequence[str], tags: Mapping[str, Sequence[str]]) -> list[str]:
+def _searched(o: Fit, names: Sequence[str], sources: Sequence[Source]) -> list[str]:
     """Return the names of the numbers that are searched, those of a log for each of several.
 
     Raises:
         ValueError: an option names a log or a ground that is none.
     """
-    logs = [tags[name][0] for name in o.names if not is_scenario(name)]
-    grounds = dict.fromkeys(chain(*(tags[name][1:] for name in o.names)))
+    logs = [source.tags[0] for source in sources if source.reference == RECORDING]
+    grounds = dict.fromkeys(chain(*(source.tags[1:] for source in sources)))
     known = {*logs, *grounds}
     for name in (*names, *o.fix, *o.bounds, *(o.guess if isinstance(o.guess, Mapping) else ())):
         _, at, tag = name.partition("@")
@@ -428,19 +428,18 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     held = {name: value for name, value in fix.items() if "@" in name}
     fixed = {name: value for name, value in fix.items() if name not in held}
     begun = with_values(o.model, base.section(o.model), list(fixed), fixed.values())
-    tags = tags_of(o.names, list(map(source_name, o.held_out)))
-    searched = _searched(o, kind.free[occasion] if o.free is None else o.free, tags)
+    radius = None if is_default else base.robot.wheel_radius
+    span = (o.since, o.until)
+    opened = open_sources(o.sources, base, o.held_out, o.input, span, options=o, radius=radius)
+    sources, held_out = opened
+    searched = _searched(o, kind.free[occasion] if o.free is None else o.free, sources)
     space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = None
     if o.guess is not None or o.search == "lsq" or occasion != "scenario":
         start = first_points(o.guess, space, before)
-    radius = None if is_default else base.robot.wheel_radius
-    span = (o.since, o.until)
-    opened = open_sources(o.sources, base, o.held_out, o.input, span, options=o, radius=radius)
     for warning in dict.fromkeys(chain(*(source.warnings for source in chain(*opened)))):
         warn(warning)
-    sources, held_out = opened
     yaw_weight = o.yaw_weight
     if yaw_weight is None:
         yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
@@ -457,12 +456,12 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
         chassis = chassis_of(base)
         sources = [with_torques(source, chassis, constant, loss) for source in sources]
         held_out = [with_torques(source, chassis, constant, loss) for source in held_out]
-    problem = FitProblem(o.model, begun, space, sources, cost, tags=tags, held=held)
+    problem = FitProblem(o.model, begun, space, sources, cost, held)
     require_possible(problem, o.bounds)
     # numbers that the user chooses begin where the profile has them
     begins = kind.torques and occasion != "scenario" and o.guess is None and o.free is None
     if begins:
-        names = _searched(o, plant_kind(FIRST_FITTED).free[occasion], tags)
+        names = _searched(o, plant_kind(FIRST_FITTED).free[occasion], sources)
         start = begin_at(problem, base.section(FIRST_FITTED), names, o)
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther

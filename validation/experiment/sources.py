@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from ssmr.types import (
     Trajectory,
 )
 from validation.descriptions.loading import load_robot
-from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
+from validation.files.columns import BESIDE_MOTION, COMMAND_COLUMNS, POSE_COLUMNS
 from validation.files.formats import (
     SHIPPED_LOGS,
     AnyLog,
@@ -144,6 +144,8 @@ class Source:
     """Sentences on what a log's signals are taken for."""
     title: str = ""
     """Name of a log in sentences, with its span of time where it was cut."""
+    tags: tuple[str, ...] = ()
+    """Names by which numbers are a log's own in a fit: its own name, and that of its ground."""
     inspected: Inspected | None = None
     """The log itself, on one clock, and what it shows; None of a scenario."""
 
@@ -264,7 +266,10 @@ def source_of(
         wheels = log.table(ENCODERS)
         means = [moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]
         moves = np.abs(means).max(axis=0) > WHEELS_TURN
-    motors = {key: log.table(pair) for key, pair in MOTOR_COLUMNS.items() if log.has(pair)}
+    others = {key: log.table(pair) for key, pair in MOTOR_COLUMNS.items() if log.has(pair)}
+    others |= {
+        name: log.columns[name] for name in chain(*BESIDE_MOTION.values()) if log.has([name])
+    }
     fresh = fresh_poses(log.t, pose)
     on_time, jumps = _sound_poses(inspected, log.t)
     group = inspected.log.group_of(names)
@@ -276,7 +281,7 @@ def source_of(
         commands = commands_on_grid(stamps, samples, kind, RECORDING_GRID, t)
         turning = None if gyro is None else gyro[s]
         motion = _recorded_motion(t, pose[s], fresh[s], wheels[s], turning)
-        channels = {key: table[s] for key, table in motors.items()}
+        channels = {key: table[s] for key, table in others.items()}
         inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
         piece = Piece(
             # the delay lines are filled with the first command: nobody knows the ones before

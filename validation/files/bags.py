@@ -17,6 +17,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from ssmr.geometry import integral, rotate_body_to_world, rotate_world_to_body
 from ssmr.types import FloatArray
 from validation.files import guarded
 from validation.files.clocks import Timed, on_one_clock
-from validation.files.columns import POSE_COLUMNS
+from validation.files.columns import BESIDE_MOTION, POSE_COLUMNS
 from validation.files.limits import LogLimits
 from validation.files.log import Group, Log, LogFault, ReadOptions, Topic, check_group
 from validation.files.messages import collect
@@ -229,7 +230,7 @@ def read_bag(path: Path, options: ReadOptions, radius: float | None = None) -> L
             path,
             f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {found}",
         )
-    groups = {}
+    groups = dict[str, Group]()
     faults = []
     for topic, own in roles.items():
         _, remark = finite.get(topic.name, (topic, ""))
@@ -239,18 +240,37 @@ def read_bag(path: Path, options: ReadOptions, radius: float | None = None) -> L
             converted, sentence = _in_the_body(topic)
             if sentence:
                 faults.append(LogFault("frame", ("odom_v",), sentence))
-        columns = list[str]()
-        for role in own:
-            groups[role] = _group(path, role, converted, "pose" in own, options.limits)
-            columns += groups[role].columns
+        made, left_out = _groups_of(path, converted, own, options)
+        remarks += left_out
+        groups |= made
         if topic.fault:
+            columns = chain(*(group.columns for group in made.values()))
             faults.append(LogFault("clock", tuple(columns), topic.fault))
     words = {topic.name: ", ".join(own) for topic, own in roles.items()}
     known = {topic.name for topic in topics}
     listed = [replace(topic, role=words.get(topic.name, "")) for topic in topics]
     listed += [replace(t, role=words[t.name]) for t in roles if t.name not in known]
-    in_order = {role: groups[role] for role in chosen}
+    in_order = {role: groups[role] for role in chosen if role in groups}
     return Log(path, in_order, listed, remarks, options.limits, faults)
+
+
+def _groups_of(
+    path: Path, topic: Topic, roles: Sequence[str], options: ReadOptions
+) -> tuple[dict[str, Group], list[str]]:
+    """Return the groups of a topic by its roles, and a sentence on each that is left out.
+
+    A battery that says nothing, say, is no reason to refuse a log.
+    """
+    groups = {}
+    left_out = []
+    for role in roles:
+        try:
+            groups[role] = _group(path, role, topic, "pose" in roles, options.limits)
+        except FileError as fault:
+            if role not in BESIDE_MOTION or role in options.topics:
+                raise
+            left_out.append(f"{role} is left out: {fault.what}")
+    return groups, left_out
 
 
 def _finite(topic: Topic) -> tuple[Topic, str]:

@@ -26,6 +26,11 @@ class Column(NamedTuple):
     """Greatest size that it has on a ground robot."""
     others: str = ""
     """Units that it may be in where it is larger."""
+    message: str = ""
+    """Type of the messages of bags that have it, for a channel whose topic has the group's name as
+    its role; empty for columns that are made otherwise."""
+    field: str = ""
+    """Its field in such a message, such as `voltage`."""
 
     def fault(self, values: FloatArray) -> tuple[int, str] | None:
         """Return the index of the first impossible one of (M,) values, and its fault, if any."""
@@ -59,10 +64,25 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(
         **dict.fromkeys(("acc_x", "acc_y", "acc_z"), Column("m/s²", "channels", 1e5, 160.0, "mg")),
         **dict.fromkeys(("current_left", "current_right"), _CURRENT),
         **dict.fromkeys(("voltage_left", "voltage_right"), _VOLTAGE),
+        "battery": Column(
+            "V", "battery", 1e5, message="sensor_msgs/msg/BatteryState", field="voltage"
+        ),
     }
 )
 """Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is
 asked for."""
+BESIDE_MOTION: Mapping[str, Mapping[str, Column]] = MappingProxyType(
+    {
+        group: {
+            name: column
+            for name, column in COLUMNS.items()
+            if column.message and column.group == group
+        }
+        for group in dict.fromkeys(each.group for each in COLUMNS.values() if each.message)
+    }
+)
+"""Columns of each group that comes from messages of one type. Such a group tells no motion, and so
+neither its beginning nor its gaps cut the log."""
 _ANY_COLUMN = Column("", "channels", 1e100)
 """Any other column."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(

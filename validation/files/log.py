@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray, frozen_array
 from validation.files.columns import (
+    BESIDE_MOTION,
     GROUPS,
     NO_COLUMN,
     POSITIONS,
@@ -39,6 +40,8 @@ _GAP_FACTOR = 2.5
 """A step longer than this many periods is a gap: one dropped sample is tolerated, two are not."""
 
 
+_BESIDE = ("cmd", *BESIDE_MOTION)
+"""Groups that need not be known at an instant for a log to have it."""
 _BURSTS = 5.0
 """Ratio of the pauses between bursts of samples and the steps inside them, at least [1]."""
 _FEW_STEPS = 100
@@ -160,7 +163,7 @@ class ReadOptions:
 
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topic of each role, such as cmd=/cmd_vel,pose=/tf:map.base_link,gps=none; guessed from types,
-    names and motions if not given. Roles are cmd, odom, wheels, imu, pose and gps."""
+    names and motions if not given. Roles are cmd, odom, wheels, imu, pose, gps and battery."""
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Columns of a CSV file with other names or units:
     x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s, a mean as enc_left=fl+rl, yaw=qx+qy+qz+qw,
@@ -380,7 +383,7 @@ class Log(_Value):
         moved: dict[str, dict[str, FloatArray]] = {}
         for name, group in self.groups.items():
             moved[name] = {}
-            if name != "cmd":
+            if name not in _BESIDE:
                 # gaps at the common period as well
                 keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))
             new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
@@ -406,7 +409,7 @@ class Log(_Value):
 
         The grid covers the time of all measured groups.
         """
-        measured = [g for name, g in self.groups.items() if name != "cmd"]
+        measured = [g for name, g in self.groups.items() if name not in _BESIDE]
         measured = measured or list(self.groups.values())
         first = self.groups[min(self.groups, key=[*GROUPS, *self.groups].index)]
         if rate is None and all(np.array_equal(g.t, first.t) for g in measured):

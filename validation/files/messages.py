@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ssmr.geometry import quat_wxyz_to_yaw
+from validation.files.columns import BESIDE_MOTION, Column
 from validation.files.guarded import Answer
 
 _MOST_COUNT = 2**53
@@ -85,6 +86,16 @@ def _fix(m: Any) -> _Rows:
     return [("", _header_ns(m), {"latitude": m.latitude, "longitude": m.longitude})]
 
 
+def _fields_reader(channels: Mapping[str, Column]) -> Callable[[Any], _Rows]:
+    """Return the function that reads some columns, each a field of a message."""
+
+    def read_fields(m: Any) -> _Rows:
+        numbers = {name: float(getattr(m, column.field)) for name, column in channels.items()}
+        return [("", _header_ns(m) if hasattr(m, "header") else 0, numbers)]
+
+    return read_fields
+
+
 READERS: Mapping[str, Callable[[Any], _Rows]] = MappingProxyType(
     {
         "geometry_msgs/msg/Twist": lambda m: [("", 0, _twist(m))],
@@ -97,6 +108,10 @@ READERS: Mapping[str, Callable[[Any], _Rows]] = MappingProxyType(
         "sensor_msgs/msg/NavSatFix": _fix,
         "tf2_msgs/msg/TFMessage": _transforms,
         "tf/msg/tfMessage": _transforms,
+        **{
+            next(iter(channels.values())).message: _fields_reader(channels)
+            for channels in BESIDE_MOTION.values()
+        },
     }
 )
 """Functions that read a message, by its type; for a further type, add a line."""

@@ -19,7 +19,7 @@ import numpy as np
 from ssmr.geometry import compose
 from ssmr.types import FloatArray
 from validation.files.circular import circular
-from validation.files.columns import POSE_COLUMNS, WHEEL_SIDES, side_of, trust_in
+from validation.files.columns import BESIDE_MOTION, POSE_COLUMNS, WHEEL_SIDES, side_of, trust_in
 from validation.files.log import Group, Log, Topic
 from validation.files.messages import TRANSFORM
 from validation.files.motion import ENCODERS
@@ -63,6 +63,10 @@ ROLES: Mapping[str, Role] = MappingProxyType(
         "imu": Role(("gyro_x", "gyro_y", "gyro_z"), ("sensor_msgs/msg/Imu",), ("imu/data",)),
         "pose": Role(POSE_COLUMNS, ("geometry_msgs/msg/PoseStamped",)),
         "gps": Role(("latitude", "longitude"), ("sensor_msgs/msg/NavSatFix",)),
+        **{
+            group: Role(tuple(channels), tuple({column.message for column in channels.values()}))
+            for group, channels in BESIDE_MOTION.items()
+        },
     }
 )
 """Roles that topics can have, in the order of their groups."""

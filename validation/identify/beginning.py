@@ -86,9 +86,7 @@ def begin_at(
     """
     robot = first.robot
     space = make_space(FIRST_FITTED, names, {}, robot)
-    problem = FitProblem(
-        FIRST_FITTED, first, space, body.sources, body.cost, tags=body.tags, held=body.held
-    )
+    problem = FitProblem(FIRST_FITTED, first, space, body.sources, body.cost, body.held)
     alone = replace(o, out=None, resume=False, progress=silent)
     search = search_for(problem, SETTINGS["hybrid", False], alone, problem.begun[None], STARTS)
     if search.interrupted:

@@ -56,7 +56,7 @@ def motions_of(problem: FitProblem, plant: PlantProfile, source: Source) -> tupl
 
 def plant_on(problem: FitProblem, point: FloatArray, source: Source) -> PlantProfile:
     """Return the plant at an (n,) point of the unit cube on one source, which is possible."""
-    plant = problem.candidate(point, problem.tags.get(source.name, ()))
+    plant = problem.candidate(point, source.tags)
     assert plant is not None
     return plant
 
@@ -77,7 +77,7 @@ def held_out_scores(
     for source in sources:
         try:
             motions = motions_of(problem, plant_on(problem, point, source), source)
-            earlier = motions_of(problem, problem.before(problem.tags[source.name]), source)
+            earlier = motions_of(problem, problem.before(source.tags), source)
         except SsmrError as error:
             lead = f"The plant cannot be driven along {source.name}, which was held out"
             notes.append(f"{lead}: {error}.")
@@ -104,10 +104,11 @@ def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> B
     for k, point in enumerate(sure.without):
         driven = list[tuple[Piece, Trajectory]]()
         for source in problem.sources:
-            tags = problem.tags[source.name]
-            if by_log and tags != problem.days[k].tags:
+            if by_log and source.tags != problem.days[k].tags:
                 continue
-            plant = _from_others(problem, k, point) if by_log else problem.candidate(point, tags)
+            plant = problem.candidate(point, source.tags)
+            if by_log:
+                plant = _from_others(problem, k, point)
             plant = plant or plant_on(problem, best, source)
             driven += source.driven(motions_of(problem, plant, source))
         parts.append(driven)

@@ -22,6 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import chain
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,14 +86,11 @@ class FitProblem:
         space: ParameterSpace,
         sources: Sequence[Source],
         cost: FitCost,
-        *,
-        tags: Mapping[str, Tags] | None = None,
-        held: Mapping[str, float] | None = None,
+        held: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         """Begin with the numbers of `base`; an objective of None is chosen for the sources.
 
-        `tags` are those of the sources by their names, and `held` are numbers of single logs, by
-        NAME@TAG, that stay as they are.
+        `held` are numbers of single logs, by NAME@TAG, that stay as they are.
 
         Raises:
             ValueError: the sources are too short.
@@ -102,8 +100,7 @@ class FitProblem:
         self.space = space
         # pieces are enough: logs would be sent to every worker
         self.sources = tuple(replace(source, inspected=None) for source in sources)
-        self.tags = tags or {}
-        self.held = held or {}
+        self.held = dict(held)
         kind = plant_kind(model)
         objective: Objective = "sync" if kind.torques else "path"  # paths do not say when
         if any(source.reference == RECORDING for source in sources):
@@ -130,9 +127,9 @@ class FitProblem:
         days: dict[tuple[tuple[int, ...], tuple[str, ...]], Day] = {}
         rest = iter(raters)
         for source in self.sources:
-            tags = self.tags.get(source.name, ())
+            tags = source.tags
             columns = tuple(sorted(chain(*own_indices(self.space.names, tags).values())))
-            held = tuple(tags) if self.held else ()
+            held = tags if self.held else ()
             day = days.setdefault((columns, held), Day(tags, columns, []))
             for _ in source.pieces:
                 day.raters.append((next(rest), source.sample_dt))

@@ -124,15 +124,17 @@ def open_sources(
         raise ValueError(f"since and until cut recordings; {', '.join(names)} are scenarios")
     kind: CommandKind = "wheels" if input == "wheels" else "twist"
     truth_of = _truth(profile)
+    judges = distinct_names("held_out", held_out)
+    tags = tags_of(names, judges)
     train = []
     for name, each in zip(names, given, strict=True):
         ends = (None, None) if is_scenario(name) else span
         source = open_source(without_ground(each), kind, *ends, options, radius)
-        train.append(truth_of(with_gyro(source), name))
+        train.append(replace(truth_of(with_gyro(source)), name=name, tags=tags[name]))
     fitted = {file_of(source.name): source.inspected for source in train}
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
     judged = []
-    for name, each in zip(distinct_names("held_out", held_out), held_out, strict=True):
+    for name, each in zip(judges, held_out, strict=True):
         inspected = fitted.get(file_of(name))
         if isinstance(each, Source):
             source = each
@@ -146,7 +148,7 @@ def open_sources(
             source = source_outside(inspected, name, kind, span)
         else:
             source = open_source(without_ground(each), kind, options=options, radius=radius)
-        judged.append(truth_of(with_gyro(source), name))
+        judged.append(replace(truth_of(with_gyro(source)), name=name, tags=tags[name]))
     return train, judged
 
 
@@ -181,24 +183,24 @@ def source_outside(inspected: Inspected, name: str, kind: CommandKind, span: Spa
     return replace(parts[0], pieces=pieces, warnings=warnings, title=title)
 
 
-def _truth(profile: Profile) -> Callable[[Source, str], Source]:
-    """Return a function that gives a source its true motion, recorded or of a plant, and a name."""
+def _truth(profile: Profile) -> Callable[[Source], Source]:
+    """Return a function that gives a source its true motion, recorded or of a plant."""
 
     # building a simulated plant takes long, and several scenarios may share one
     @cache
     def plant(name: str) -> Plant:
         return make_plant(profile, name)
 
-    def resolve(source: Source, name: str) -> Source:
+    def resolve(source: Source) -> Source:
         driver = source.reference
         if driver == RECORDING:
-            return replace(source, name=name)
+            return source
         motions = drive_source(plant(driver), source, profile.section(driver).localiser)
         pieces = []
         for piece, motion in source.driven(motions):
             torques = motion.channels[TORQUES] if plant_kind(driver).torques else None
             pieces.append(replace(piece, reference=motion, torques=torques))
-        return replace(source, name=name, pieces=tuple(pieces))
+        return replace(source, pieces=tuple(pieces))
 
     return resolve
 

@@ -28,7 +28,6 @@ from ssmr.control.tick import (
     NO_ERRORS,
     UNSEEN,
     Clock,
-    LoopData,
     LoopState,
     Tracker,
     lean,
@@ -83,7 +82,8 @@ def _run_planar_loop(
     n = tracker.clock.position
     last = len(log) - 1
     commands = np.empty((1 + last * n // tracker.clock.velocity, 2))
-    data = LoopData(drive, draws, commands, np.empty((n, 2)), log)
+    references = np.empty((n, 2))
+    data = (drive, draws, commands, references, log)
     now, integral = start_of(start, robot.vehicle, robot.x_icr, robot.drift, robot.ideal)
     driver = rolling(Sides(start.left, start.right), drive)
     state = INITIAL_STATE
@@ -97,7 +97,7 @@ def _run_planar_loop(
             return i + 1
         for j in range(steps):
             push = disturbance[first + j] if len(disturbance) > 1 else disturbance[0]
-            wheels = Sides(data.references[j, 0], data.references[j, 1])
+            wheels = Sides(references[j, 0], references[j, 1])
             now, integral = move(now, integral, wheels, push, robot)
     return last + 1
 
@@ -193,7 +193,7 @@ def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray)
         truth = named_like(_MOTION, states[i])
         drive = named_like(DRIVE_TEMPLATE, b.drives[i])
         noise = draws[i % len(draws)]
-        data = LoopData(drive, noise, b.commands[i], b.references[i], b.logs[i])
+        data = (drive, noise, b.commands[i], b.references[i], b.logs[i])
         tracker = _tracker_of(b.trackers, i)
         state, driver, lost = plan_period(tracker, state, driver, k=k, n=n, truth=truth, data=data)
         b.alive[i] = not lost

@@ -228,14 +228,10 @@ def is_lost(x: float, y: float, yaw_rate: float, target_x: float, target_y: floa
     return not (distance < LOST and abs(yaw_rate) < SPINNING)
 
 
-class LoopData(NamedTuple):
-    """The driver of one closed loop, its noise, and arrays that are written in place."""
-
-    drive: DriveNumbers  # the driver; its command period is the velocity loop's
-    draws: FloatArray  # (ticks, 8) standard normal numbers
-    commands: FloatArray  # (1 + n // velocity steps, 2) commands so far
-    references: FloatArray  # (position steps, 2) wheel-rate references of the next period [rad/s]
-    log: FloatArray  # (ticks, 26) the log
+LoopData = tuple[DriveNumbers, FloatArray, FloatArray, FloatArray, FloatArray]
+"""The driver of one closed loop, whose command period is the velocity loop's; (ticks, 8) standard
+normal numbers; and arrays that are written in place: (1 + n // velocity steps, 2) commands so far,
+(position steps, 2) wheel-rate references of the next period [rad/s], and (ticks, 26) the log."""
 
 
 @jit
@@ -265,22 +261,23 @@ def plan_period(
         The states of the robot's side and of the driver at the end of the period, and whether the
         robot is lost.
     """
+    drive, draws, commands, references, log = data
     clock = tracker.clock
     position_dt = clock.position * clock.dt
     velocity_dt = clock.velocity * clock.dt
-    seen = observed(tracker, k, truth, data.draws)
+    seen = observed(tracker, k, truth, draws)
     state = position_tick(tracker, state, seen, k * clock.dt, position_dt)
     for j in range(k, k + max(n, 1)):
         if j % clock.velocity == 0:
             state = velocity_tick(tracker, state, j * clock.dt, velocity_dt)
             i = j // clock.velocity
-            data.commands[i, 0] = state.command.v
-            data.commands[i, 1] = state.command.w
+            commands[i, 0] = state.command.v
+            commands[i, 1] = state.command.w
         if j == k:
-            record(data.log[k // clock.position], truth, state, tracker)
+            record(log[k // clock.position], truth, state, tracker)
         if j < k + n:
-            driver = follow(data.commands, j, data.drive, (0.0, 0.0), driver)
-            data.references[j - k, 0] = driver.left
-            data.references[j - k, 1] = driver.right
+            driver = follow(commands, j, drive, (0.0, 0.0), driver)
+            references[j - k, 0] = driver.left
+            references[j - k, 1] = driver.right
     aim = state.target
     return state, driver, is_lost(truth.x, truth.y, truth.w, aim.x, aim.y)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from ssmr.control.tick import (
     LOG_COLUMNS,
     NO_ERRORS,
     UNSEEN,
-    Clock,
     LoopState,
     Tracker,
     lean,
@@ -102,29 +101,22 @@ def _run_planar_loop(
     return last + 1
 
 
-class Batch(NamedTuple):
-    """S closed loops whose robots something else moves, as arrays."""
-
-    trackers: (
-        Tracker  # the robots' sides: an array of S rows in the place of each field that may differ
-    )
-    drives: FloatArray  # (S, 13) `DriveNumbers`
-    memories: FloatArray  # (S, 7) memories of the laws
-    segments: Any  # (S,) segments of the targets
-    drivers: FloatArray  # (S, 4) states of the drivers
-    alive: Any  # (S,) bool; the log of a robot that was lost grows no more
-    commands: FloatArray  # (S, 1 + n // velocity steps, 2) commands so far
-    references: (
-        FloatArray  # (S, position steps, 2) wheel rates to ask for in the next period [rad/s]
-    )
-    logs: FloatArray  # (S, ticks, 26) logs
+_Carried = tuple[FloatArray, Any, FloatArray, Any]
+"""What S loops carry from period to period: (S, 7) memories of the laws, (S,) segments of the
+targets, (S, 4) states of the drivers, and (S,) whether they are alive; the log of a robot that was
+lost grows no more."""
+_Written = tuple[FloatArray, FloatArray, FloatArray]
+"""(S, 1 + n // velocity steps, 2) commands so far, (S, position steps, 2) wheel rates to ask for in
+the next period [rad/s], and (S, ticks, 26) logs."""
 
 
-def _batch_of(
-    trackers: Sequence[Tracker], drives: Sequence[DriveNumbers], clock: Clock, state: State
-) -> Batch:
-    """Return the closed loops that begin, with robots that roll as in `state`."""
-    count = len(trackers)
+def _rows_of(
+    trackers: Sequence[Tracker], drives: Sequence[DriveNumbers]
+) -> tuple[Tracker, FloatArray]:
+    """Return the robots' sides, with an array of S rows for each field that may differ.
+
+    The (S, 13) numbers of their drives stand beside them.
+    """
     arrays = ("predictor", "past", "predictor_state", "lookahead", "filter", "noise", "sensors")
     rows: dict[str, Any] = {
         name: np.array([getattr(t, name) for t in trackers], dtype=np.float64) for name in arrays
@@ -133,22 +125,11 @@ def _batch_of(
     rows["predicts"] = np.array([t.predicts for t in trackers])
     beliefs = zip(*(t.belief for t in trackers), strict=True)
     rows["belief"] = Belief(*map(np.array, beliefs))
-    gains = np.zeros((count, max(len(t.gains) for t in trackers)))
+    gains = np.zeros((len(trackers), max(len(t.gains) for t in trackers)))
     for row, tracker in zip(gains, trackers, strict=True):
         row[: len(tracker.gains)] = tracker.gains
     rows["gains"] = gains
-    wheels = Sides(state.wheel_left, state.wheel_right)
-    return Batch(
-        trackers=trackers[0]._replace(**rows),
-        drives=np.array(drives, dtype=np.float64),
-        memories=np.tile(EMPTY_MEMORY, (count, 1)),
-        segments=np.zeros(count, dtype=np.int64),
-        drivers=np.array([rolling(wheels, d) for d in drives]),
-        alive=np.ones(count, dtype=np.bool_),
-        commands=np.zeros((count, 1 + clock.n // clock.velocity, 2)),
-        references=np.zeros((count, clock.position, 2)),
-        logs=np.empty((count, clock.ticks, len(LOG_COLUMNS))),
-    )
+    return trackers[0]._replace(**rows), np.array(drives, dtype=np.float64)
 
 
 @jit_alone
@@ -172,34 +153,45 @@ def _tracker_of(t: Any, i: int) -> Tracker:
 
 
 @jit_alone
-def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray) -> None:
+def _plan_all(
+    trackers: Tracker,
+    drives: FloatArray,
+    carried: _Carried,
+    written: _Written,
+    k: int,
+    n: int,
+    states: FloatArray,
+    draws: FloatArray,
+) -> None:
     """Plan one period of every loop that is alive, see `plan_period`.
 
-    `draws` (D, ticks, 8) are taken in turn.
+    `trackers` and `drives` are those of `_rows_of`; `draws` (D, ticks, 8) are taken in turn.
     """
+    memories, segments, drivers, alive = carried
+    commands, references, logs = written
     for i in range(len(states)):
-        if not b.alive[i]:
+        if not alive[i]:
             continue
-        sent = b.commands[i, max(k - 1, 0) // b.trackers.clock.velocity]
+        sent = commands[i, max(k - 1, 0) // trackers.clock.velocity]
         state = LoopState(
-            memory=named_like(EMPTY_MEMORY, b.memories[i]),
-            target=Target(0.0, 0.0, 0.0, 0.0, 0.0, b.segments[i]),
+            memory=named_like(EMPTY_MEMORY, memories[i]),
+            target=Target(0.0, 0.0, 0.0, 0.0, 0.0, segments[i]),
             errors=INITIAL_STATE.errors,
             seen=INITIAL_STATE.seen,
             ahead=INITIAL_STATE.ahead,
             command=Command(sent[0], sent[1]),
         )
-        driver = named_like(_DRIVER, b.drivers[i])
+        driver = named_like(_DRIVER, drivers[i])
         truth = named_like(_MOTION, states[i])
-        drive = named_like(DRIVE_TEMPLATE, b.drives[i])
+        drive = named_like(DRIVE_TEMPLATE, drives[i])
         noise = draws[i % len(draws)]
-        data = (drive, noise, b.commands[i], b.references[i], b.logs[i])
-        tracker = _tracker_of(b.trackers, i)
+        data = (drive, noise, commands[i], references[i], logs[i])
+        tracker = _tracker_of(trackers, i)
         state, driver, lost = plan_period(tracker, state, driver, k=k, n=n, truth=truth, data=data)
-        b.alive[i] = not lost
-        b.segments[i] = state.target.segment
-        write_numbers(b.memories[i], 0, 1, state.memory)
-        write_numbers(b.drivers[i], 0, 1, driver)
+        alive[i] = not lost
+        segments[i] = state.target.segment
+        write_numbers(memories[i], 0, 1, state.memory)
+        write_numbers(drivers[i], 0, 1, driver)
 
 
 def run_bodies(
@@ -237,43 +229,51 @@ def run_bodies(
     bodies = bodies_at(state)
     numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
     trackers = make_trackers(controllers, settings, waypoints, clock, state, seeds)
-    batch = _batch_of(trackers, numbers, clock, state)
+    rows = _rows_of(trackers, numbers)
+    drivers = np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in numbers])
+    alive = np.ones(count, dtype=np.bool_)
+    carried = np.tile(EMPTY_MEMORY, (count, 1)), np.zeros(count, dtype=np.int64), drivers, alive
+    commands = np.zeros((count, 1 + clock.n // clock.velocity, 2))
+    references = np.zeros((count, clock.position, 2))
+    logs = np.empty((count, clock.ticks, len(LOG_COLUMNS)))
+    written = (commands, references, logs)
     objects = isinstance(controllers[0], PythonController)
     sides = robot_sides(controllers, settings, waypoints, trackers) if objects else []
     ticks = np.full(count, clock.ticks)
     for tick in range(clock.ticks):
         k = tick * clock.position
         n = clock.position if tick < clock.ticks - 1 else 0
-        before = batch.alive.copy()
+        before = alive.copy()
         states = bodies.states()
         if not objects:
-            _plan_batch(batch, k, n, states, draws)
+            _plan_all(*rows, carried, written, k=k, n=n, states=states, draws=draws)
         for i in np.flatnonzero(before) if objects else ():
             truth = Motion(*map(float, states[i]))
             side = sides[i]
-            noise = draws[i % len(draws)]
-            commands = batch.commands[i]
             due = -(-(k + 1) // clock.velocity) * clock.velocity  # the first command after step k
             for j in (k, *range(due, k + n, clock.velocity)):
-                batch.alive[i] &= not side.tick(j, truth, noise, batch.logs[i])
-                commands[j // clock.velocity] = side.state.command
-            driver = DriveState(*batch.drivers[i])
-            references = batch.references[i, :n]
-            batch.drivers[i] = continue_references(
-                commands, numbers[i], (0.0, 0.0), driver, k, references
+                alive[i] &= not side.tick(j, truth, draws[i % len(draws)], logs[i])
+                commands[i, j // clock.velocity] = side.state.command
+            drivers[i] = continue_references(
+                commands[i],
+                numbers[i],
+                (0.0, 0.0),
+                DriveState(*drivers[i]),
+                first=k,
+                out=references[i, :n],
             )
-        ticks[before & ~batch.alive] = tick + 1
-        batch.references[~batch.alive] = 0.0
-        if not batch.alive.any():
+        ticks[before & ~alive] = tick + 1
+        references[~alive] = 0.0
+        if not alive.any():
             break
         if n:
             push = pushes[turn, k : k + n]
-            push[~batch.alive] = 0.0
-            bodies.advance(batch.references, push)
-            gave_up = batch.alive & bodies.gave_up
+            push[~alive] = 0.0
+            bodies.advance(references, push)
+            gave_up = alive & bodies.gave_up
             ticks[gave_up] = tick + 1
-            batch.alive[gave_up] = False
-    return [closed_run(log[:n], clock) for log, n in zip(batch.logs, ticks, strict=True)]
+            alive[gave_up] = False
+    return [closed_run(log[:n], clock) for log, n in zip(logs, ticks, strict=True)]
 
 
 def run_loops(

@@ -65,7 +65,7 @@ def test_a_users_class_drives_like_the_law_that_it_is(
 @pytest.mark.parametrize(
     ("text", "name", "message"),
     [
-        (GOOD, "Yours", r"mine\.py has no 'Yours'; it has: Mine, make"),
+        (GOOD, "Yours", r"mine\.py has no 'Yours'; there are: Mine, make"),
         (GOOD, "number", r"mine\.py:number is 3, wanted a class"),
         ("class Mine:\n    pass\n", "Mine", r"mine\.py:1: class Mine has no method command"),
         ("\n\nclass Mine\n", "Mine", r"mine\.py:3: SyntaxError"),

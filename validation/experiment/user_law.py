@@ -7,7 +7,6 @@ restricts it. An error in it is said in one line with its file and line.
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import inspect
 import math
 import re
@@ -17,7 +16,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from ssmr.control.mission import ControllerInput, Mission
 from ssmr.errors import ControllerError, SsmrError
 from ssmr.metrics.declared import METRICS, SIGNALS, Metrics
 from ssmr.models.law import PlanarLaw
+from ssmr.parameters import require_one_of
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
@@ -137,28 +137,23 @@ def _load_user_object(name: str) -> tuple[Any, Path]:
             f"'{name}' names nothing in a file; wanted FILE.py:NAME, such as mine.py:Mine"
         )
     path = Path(text).resolve()
-    spec = importlib.util.spec_from_file_location(f"user_{path.stem}", path)
-    if not path.is_file() or spec is None or spec.loader is None:
-        raise ValueError(f"there is no file '{text}'")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up there
+    program = read_text(path)
+    module = ModuleType(f"user_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module  # dataclasses look their module up there
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
-    kept = sys.dont_write_bytecode
-    sys.dont_write_bytecode = True  # Python takes a file edited within a second for the old one
     try:
-        spec.loader.exec_module(module)
+        # not imported: Python takes a file edited within a second for the old one
+        code = compile(program, str(path), "exec", dont_inherit=True)
+        exec(code, vars(module))  # nosec B102 # which the user chose to run
     except (Exception, SystemExit) as error:  # a user's file may raise anything
-        del sys.modules[spec.name]
+        del sys.modules[module.__name__]
         raise ValueError(_fault(path, error)) from error
-    finally:
-        sys.dont_write_bytecode = kept
+    # what it imports is not its own
+    own = [n for n, v in vars(module).items() if getattr(v, "__module__", "") == module.__name__]
     if not hasattr(module, attribute):
-        names = []
-        for n, value in vars(module).items():
-            if not n.startswith("_") and getattr(value, "__module__", "") == spec.name:
-                names.append(n)
-        raise ValueError(f"{path} has no '{attribute}'; it has: {', '.join(names) or 'nothing'}")
+        require_one_of(attribute, own, f"{path} has no '{attribute}'")
     return getattr(module, attribute), path
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
 from validation.output import abridged, shortened
+from validation.report.columns import DEGREES, METRES
 from validation.report.palette import BLACK, colour, mix
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -188,15 +189,13 @@ def draw_horizons(
     marks: Sequence[HorizonMarks], what: Literal["position", "yaw"], ax: Axes
 ) -> None:
     """Draw median errors by horizon, each in the band of its 90 % interval."""
-    scale = 1.0 if what == "position" else math.degrees(1.0)
-    unit = "m" if what == "position" else "deg"
-    ending = "m" if what == "position" else "rad"
+    unit, ending = (METRES, "m") if what == "position" else (DEGREES, "rad")
     horizons = sorted(set().union(*(each.errors for each in marks)))
     for k, each in enumerate(marks):
         aside = 0.8 * ((k + 0.5) / len(marks) - 0.5)
         places = [horizons.index(h) + aside for h in each.errors]
         median, low, high = (
-            [scale * getattr(e, f"{what}_{part}_{ending}") for e in each.errors.values()]
+            [unit.scale * getattr(e, f"{what}_{part}_{ending}") for e in each.errors.values()]
             for part in ("median", "low", "high")
         )
         ax.vlines(places, low, high, colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
@@ -216,7 +215,7 @@ def draw_horizons(
     ax.margins(y=0.15)
     ax.set_xticks(range(len(horizons)), [_horizon_label(h, marks) for h in horizons])
     ax.grid(visible=False, axis="x")
-    title = f"{what.capitalize()} error [{unit}]: median, in its 90 % interval"
+    title = f"{what.capitalize()} error [{unit.symbol}]: median, in its 90 % interval"
     ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))
 
 

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
@@ -67,7 +67,7 @@ _CONFIGURATION = (
 class Graph(cli.Options):
     """A graph of ROS 2: the options of every node."""
 
-    ros: str = "2"
+    ros: Literal["2"] = "2"
     """Version of ROS; there is 2 alone, with the extra `ros2`."""
     domain: int | None = None
     """Number of the domain; that of ROS_DOMAIN_ID, or 0, if not given."""
@@ -81,12 +81,8 @@ class Graph(cli.Options):
         """Return the domain's number.
 
         Raises:
-            ValueError: ROS, domain, namespace or interface cannot be.
+            ValueError: domain, namespace or interface cannot be.
         """
-        if self.ros != "2":
-            raise ValueError(
-                f"--ros {shortened(self.ros, 20)}: nodes of ROS 1 are gone; there is ROS 2"
-            )
         number = os.environ.get("ROS_DOMAIN_ID") or "0"
         if self.domain is not None:
             number = str(self.domain)

@@ -76,12 +76,12 @@ def _header(stamp: float, frame: str) -> Fields:
     return {"stamp": _stamp(stamp), "frame_id": frame}
 
 
-def _vector(values: Sequence[float] | FloatArray) -> Fields:
-    return {axis: float(value) for axis, value in zip("xyz", values, strict=True)}
+def _vector(values: Sequence[float] | FloatArray, axes: str = "xyz") -> Fields:
+    return dict(zip(axes, map(float, values), strict=True))
 
 
 def _quaternion(yaw: float) -> Fields:
-    return {axis: float(value) for axis, value in zip("wxyz", yaw_to_quat_wxyz(yaw), strict=True)}
+    return _vector(yaw_to_quat_wxyz(yaw), "wxyz")
 
 
 def _pose(pose: FloatArray) -> Fields:

@@ -482,7 +482,7 @@ PRICES = {
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        26_400,
+        24_800,
         15,
         65,
         "tables, pictures and rerun recordings of all programs",

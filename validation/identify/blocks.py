@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -15,16 +14,14 @@ FitNumbers = Mapping[str, float]
 """FitNumbers of a fit by their names."""
 
 
-class Estimate(NamedTuple):
-    """FitNumbers that a fit has found."""
+Estimate = Mapping[str, FloatArray]
+"""(2,) value and standard error of each number that a fit has found, by its name; the error is 0
+where a bound holds the number or nothing depends on it."""
 
-    values: FitNumbers  # the numbers
-    # their standard errors; 0 where a bound holds the number or nothing depends on it
-    errors: FitNumbers
 
-    def pairs(self) -> dict[str, FloatArray]:
-        """Return (2,) value and standard error of each number by its name."""
-        return {name: np.array([value, self.errors[name]]) for name, value in self.values.items()}
+def values_of(found: Estimate) -> FitNumbers:
+    """Return the values alone."""
+    return {name: float(value) for name, (value, _) in found.items()}
 
 
 def fit_in_blocks(
@@ -71,4 +68,4 @@ def fit_in_blocks(
         without = np.linalg.pinv(curvature - own.T @ own, hermitian=True)
         steps.append(without @ (pulls[blocks == block] @ own))
     errors = start * np.sqrt((1.0 - 1.0 / len(steps)) * np.sum(np.square(steps), axis=0))
-    return Estimate(named(end.x), named(errors))
+    return dict(zip(numbers, np.column_stack([end.x, errors]), strict=True))

@@ -28,7 +28,7 @@ from ssmr.robot.drivetrain import (
 from ssmr.robot.vehicle import Vehicle
 from ssmr.types import FloatArray
 from validation.experiment.sources import RECORDING, Source
-from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
+from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks, values_of
 from validation.identify.motor_logs import (
     Chassis,
     DriveLog,
@@ -162,7 +162,7 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
     tried = list[tuple[FitNumbers, dict[str, Any]]]()
     for rule, (kind, bounds) in _READING_RULES.items():
         if not (sensor.signed and "rho" in bounds):
-            own = _fit_rule(rule, fitted, sensor, vehicle).values
+            own = values_of(_fit_rule(rule, fitted, sensor, vehicle))
             explained = {
                 part: _explained(own, some, sensor, vehicle) for part, some in parts.items()
             }
@@ -205,7 +205,7 @@ def _torques_of(
         ValueError: the log has no currents, or too little steady driving.
     """
     fit = fit_currents(log, [], chassis)
-    x = fit.found.values
+    x = values_of(fit.found)
     battery = fit.best["kind"] == "battery"
     if battery and log.voltages is None:
         raise ValueError("they are the battery's, and without its voltage power is unknown")

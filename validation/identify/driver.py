@@ -29,7 +29,7 @@ from ssmr.robot.drivetrain import bridge_reading
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from validation.files.signals import refreshed
-from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
+from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks, values_of
 from validation.identify.motor_logs import Chassis, DriveLog, require_currents
 
 LEAST_COMMANDS = 8
@@ -251,11 +251,11 @@ def fit_driver(
     """
     fitted = whole = CommandLog(log, chassis, LEAST_COMMANDS if held_out else 2 * LEAST_COMMANDS)
     found = whole.fit()
-    law = found.values
+    law = values_of(found)
     judges = [CommandLog(other, chassis, 1) for other in held_out]
     if not held_out:
         fitted, *judges = (CommandLog(part, chassis, LEAST_COMMANDS // 2) for part in log.divided())
-        law = fitted.fit().values
+        law = values_of(fitted.fit())
     tried = [CommandLog(other, chassis) for other in others if held_commands(other)]
     scores = []
     for case in (fitted, *judges, *tried):
@@ -286,7 +286,7 @@ def fit_inertia(driver: DriverFit, rho: float) -> tuple[FloatArray, Mapping[str,
     standing = np.abs(log.rates).sum(axis=0) < 1e-6
     idle = float(np.median(currents[:, standing])) if standing.any() else 0.0
     times = driver.whole.starts[:, None] + np.arange(-_BEFORE, _AFTER, _FINE)
-    rates = driver.whole.rates(driver.found.values, times)
+    rates = driver.whole.rates(values_of(driver.found), times)
     slopes = np.gradient(rates, _FINE, axis=2)
     read = np.stack([np.interp(times, log.t, current) for current in currents])
     charge = np.trapezoid(read - idle, dx=_FINE, axis=2)
@@ -303,7 +303,7 @@ def fit_inertia(driver: DriverFit, rho: float) -> tuple[FloatArray, Mapping[str,
     inertia = (0.2, 0.0, 1.2)
     loss = (0.3, 0.0, 5.0)
     numbers = {"one_way": inertia, "reversals": inertia, "left": loss, "right": loss}
-    found = fit_in_blocks(residuals, numbers, np.tile(np.arange(len(times)), 2), _OUTLIER).pairs()
+    found = fit_in_blocks(residuals, numbers, np.tile(np.arange(len(times)), 2), _OUTLIER)
     one = found["one_way"]
     other = found["reversals"]
     error = 0.5 * math.hypot(one[0] - other[0], one[1], other[1])

@@ -17,6 +17,7 @@ from ssmr.parameters import require_within
 from ssmr.types import FloatArray
 from validation import cli
 from validation.files.log import Log
+from validation.identify.blocks import values_of
 from validation.identify.currents import CurrentFit, fit_currents
 from validation.identify.driver import (
     LEAST_COMMANDS,
@@ -192,20 +193,21 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
         if commanded is not None:
             others = [log for log in named if log is not commanded]
             driver = fit_driver(commanded, alike, others, chassis)
-            for name, pair in driver.found.pairs().items():
+            for name, pair in driver.found.items():
                 # no command asks for more than a limit that nothing depends on
                 found |= {f"driver_{name}": pair} if pair[1] > 1e-9 else {}
             o.progress(Progress(1, 3, "commands and wheel rates"))
         if ground is not None:
             currents = fit_currents(ground, driven, chassis)
             kind = currents.best["kind"]
-            for name, pair in currents.found.pairs().items():
+            for name, pair in currents.found.items():
                 key = "friction_current" if name == "friction" else name
                 # what a battery's currents tell are torques
                 found[_SCALED.get(key, key) if kind == "battery" else key] = pair
             o.progress(Progress(2, 3, "currents on the ground"))
         if driver and up and up.currents is not None and not (up.on_ground or up.signed):
-            rho = _USUAL_RHO if currents is None else currents.found.values.get("rho", _USUAL_RHO)
+            shown = {} if currents is None else values_of(currents.found)
+            rho = shown.get("rho", _USUAL_RHO)
             inertia = fit_inertia(driver, rho)
             found |= {} if inertia is None else {"inertia_current": inertia[0]}
             o.progress(Progress(3, 3, "inertia"))

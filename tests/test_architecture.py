@@ -420,9 +420,9 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        71_300,
-        84,
-        304,
+        70_200,
+        66,
+        270,
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
@@ -442,8 +442,8 @@ PRICES = {
     ),
     "validation/identify": Price(
         31_900,
-        19,
-        88,
+        16,
+        82,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; "
         "the better judge of turns; "
@@ -451,8 +451,8 @@ PRICES = {
     ),
     "validation/learning": Price(
         6_700,
-        5,
-        12,
+        3,
+        11,
         "reinforcement learning on the robot: Gymnasium, also many as one batch, and dm_control",
     ),
     "validation/descriptions": Price(
@@ -488,15 +488,15 @@ PRICES = {
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
-        14_000,
-        6,
-        38,
+        13_600,
+        5,
+        31,
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        24_200,
-        7,
-        69,
+        23_200,
+        5,
+        66,
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(

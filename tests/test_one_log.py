@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 
 from tests.test_several_logs import BARE, BODY, DAYS, drive
@@ -92,6 +93,10 @@ def test_programs_take_a_log_by_its_path_or_itself(paths: list[Path]) -> None:
     assert fit("kinematic", sources, search="lsq", **options).plant.parameters == (
         fitted.plant.parameters
     )
+    frame = pandas.read_csv(paths[0])
+    framed = fit("kinematic", frame, search="lsq", **options)
+    alone = fit("kinematic", log, search="lsq", **options)
+    assert framed.plant.parameters == alone.plant.parameters
     assert info(log).document() == info(paths[0]).document()
     calibrated = calibrate(log, profile=BARE, plants=("kinematic",), trust=True)
     again = calibrate(paths[0], profile=BARE, plants=("kinematic",), trust=True)

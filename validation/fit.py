@@ -24,7 +24,7 @@ from ssmr.metrics.bands import Band
 from ssmr.models.law import PlanarLaw
 from ssmr.parameters import require_one_of, require_within
 from ssmr.search.space import ParameterSpace
-from ssmr.types import FloatArray, Trajectory
+from ssmr.types import FloatArray
 from validation import cli
 from validation.experiment.scores import (
     HEADLINE_HORIZON,
@@ -35,7 +35,6 @@ from validation.experiment.scores import (
 from validation.experiment.sources import (
     RECORDING,
     AnySource,
-    Piece,
     Source,
     source_name,
     unknown_robot_notes,
@@ -51,6 +50,7 @@ from validation.identify.judging import (
     motions_of,
     plant_on,
     require_possible,
+    scores_by_source,
 )
 from validation.identify.motor_logs import chassis_of, loss_of
 from validation.identify.objective import FitCost, Objective, true_motion
@@ -77,7 +77,6 @@ from validation.identify.targets import (
     Input,
     is_scenario,
     open_sources,
-    score_pieces,
     worse_sentences,
 )
 from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty, estimate, sentences
@@ -177,9 +176,9 @@ class Fit(Searching, ReadOptions):
         """The sources that it is fitted to, as the user gave them."""
         given = self.to
         if isinstance(given, str) and not Path(given).exists():
-            given = tuple(part.strip() for part in given.split(","))
+            given = tuple(filter(None, map(str.strip, given.split(","))))
         parts = given if isinstance(given, tuple) else (given,)
-        return [part for part in parts if part != ""]
+        return list(parts)
 
     @property
     def names(self) -> list[str]:
@@ -545,20 +544,17 @@ def _report(
     if len(problem.days) >= FEWEST_DAYS:
         spread = {**fitted.spread, **known}
     fitted = replace(fitted, bands={**fitted.bands, **bands}, spread=spread)
-    unfitted, judged, together, undriven = held_out_scores(problem, point, held_out)
+    unfitted, judged, all_judged, undriven = held_out_scores(problem, point, held_out)
     notes += undriven
     options = o.chosen(search.jde.settings)
     options["held_out"] = tuple(map(source_name, o.held_out))
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
-    pieces = list[Piece]()
-    motions = list[Trajectory]()
-    train = {}
+    motions = {}
     for source in problem.sources:
-        driven = motions_of(problem, plant_on(problem, point, source), source)
-        train[source.name] = score_pieces(source.pieces, driven)
-        pieces += source.pieces
-        motions += driven
+        plant = plant_on(problem, point, source)
+        motions[source.name] = motions_of(problem, plant, source)
+    train, together = scores_by_source(problem.sources, motions)
     begun = with_robot(base.name, base.robot.name)
     return Fitted(
         title=f"{o.model} fitted to {one_line(','.join(o.names))}, begun with profile {begun}",
@@ -574,10 +570,10 @@ def _report(
         plant=fitted,
         sure=sure,
         train=train,
-        together=score_pieces(pieces, motions),
+        together=together,
         held_out=judged,
         unfitted=unfitted,
-        judged=together,
+        judged=all_judged,
     )
 
 

@@ -66,11 +66,8 @@ class GyroJudge:
         """Return the pieces with the gyro's headings for the localiser's, `late` by so much [s]."""
         pieces = []
         for piece, heading in zip(source.pieces, self.headings, strict=True):
-            motion = piece.reference
-            assert motion is not None
-            yaw = np.interp(motion.t - late, motion.t, heading)
-            pose = np.column_stack([motion.pose[:, :2], yaw])
-            pieces.append(replace(piece, reference=replace(motion, pose=pose)))
+            assert piece.t is not None
+            pieces.append(replace(piece, headings=np.interp(piece.t - late, piece.t, heading)))
         return pieces
 
 

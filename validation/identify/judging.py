@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from copy import copy
+from itertools import chain
 
 import numpy as np
 
@@ -69,28 +70,32 @@ def held_out_scores(
     Those of all sources together come third, as `Fitted.judged` has them. Data may hold a motion
     that the fitted plant cannot make; the rest is still judged.
     """
-    before = {}
-    after = {}
     notes = []
-    pieces = list[Piece]()
-    driven: dict[str, list[Trajectory]] = {"before": [], "after": []}
+    driven: dict[str, dict[str, Sequence[Trajectory]]] = {"before": {}, "after": {}}
     for source in sources:
         try:
             motions = motions_of(problem, plant_on(problem, point, source), source)
-            earlier = motions_of(problem, problem.before(source.tags), source)
+            driven["before"][source.name] = motions_of(problem, problem.before(source.tags), source)
+            driven["after"][source.name] = motions
         except SsmrError as error:
             lead = f"The plant cannot be driven along {source.name}, which was held out"
             notes.append(f"{lead}: {error}.")
-            continue
-        after[source.name] = score_pieces(source.pieces, motions)
-        before[source.name] = score_pieces(source.pieces, earlier)
-        pieces += source.pieces
-        driven["before"] += earlier
-        driven["after"] += motions
-    if not pieces:
-        return before, after, {}, notes
-    together = {when: score_pieces(pieces, motions) for when, motions in driven.items()}
-    return before, after, together, notes
+    able = [source for source in sources if source.name in driven["after"]]
+    if not able:
+        return {}, {}, {}, notes
+    before, all_before = scores_by_source(able, driven["before"])
+    after, all_after = scores_by_source(able, driven["after"])
+    return before, after, {"before": all_before, "after": all_after}, notes
+
+
+def scores_by_source(
+    sources: Sequence[Source], motions: Mapping[str, Sequence[Trajectory]]
+) -> tuple[dict[str, Scores], Scores]:
+    """Return the scores of a plant's motions on each source, and on all together."""
+    each = {source.name: score_pieces(source.pieces, motions[source.name]) for source in sources}
+    pieces = list(chain(*(source.pieces for source in sources)))
+    driven = list(chain(*(motions[source.name] for source in sources)))
+    return each, score_pieces(pieces, driven)
 
 
 def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> Band | None:

@@ -18,6 +18,7 @@ from ssmr.search.jde import Jde
 from tests.conftest import exit_status
 from validation.cli.__main__ import program_named
 from validation.fit import fit
+from validation.output import write_atomic, write_text
 
 KILLED = """
 import os, signal, sys
@@ -119,3 +120,56 @@ def test_numbers_that_cannot_be_drawn_are_written(
     ]
     assert said.startswith(str(tmp_path / "fit.png"))
     assert json.loads((tmp_path / "fit.json").read_text())["cost"] == fitted.cost
+
+
+DIES = """
+import os, signal, sys
+from pathlib import Path
+from validation.output import write_atomic
+def die(part):
+    part.write_bytes(b"half of a")
+    os.kill(os.getpid(), signal.SIGKILL)
+write_atomic(Path(sys.argv[1]), die)
+"""
+"""A process that is killed while it writes a file."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such kills")
+def test_what_a_killed_process_was_writing_goes_with_the_next_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    for _ in range(2):
+        subprocess.run([sys.executable, "-c", DIES, str(path)], check=False)
+    assert len(list(tmp_path.iterdir())) == 1  # the first went with the second
+
+    def write_two(part: Path) -> None:
+        part.write_text("outer")
+        write_text(tmp_path / "b.txt", "inner")
+        assert part.read_text() == "outer"  # what is being written stays
+
+    write_atomic(path, write_two)
+    written = {each.name: each.read_text() for each in tmp_path.iterdir()}
+    assert written == {"a.txt": "outer", "b.txt": "inner"}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "recordings convert sample --out there.csv",
+        "recordings convert sample --out there.tum",
+        "recordings info sample --json there.json",
+        "robots new rover --wheelbase 0.5 --track 0.5 --wheel-radius 0.1 --wheel-width 0.05 "
+        "--mass 50 --out there.toml",
+        "robots export husky --out there.urdf",
+    ],
+)
+def test_a_command_that_was_interrupted_behind_its_file_may_be_given_again(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    program, *words = command.split()
+    for _ in range(2):
+        assert exit_status(program_named(program), *words) == 0
+    (there,) = tmp_path.iterdir()
+    there.write_text("mine")
+    assert exit_status(program_named(program), *words) == 2
+    assert there.read_text() == "mine"

@@ -27,7 +27,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 # --- words ---
 
@@ -143,24 +143,52 @@ def _version(package: str) -> str:
         return "not installed"
 
 
+_PART = ".ssmr-"
+"""Beginning of the names of files that are being written; they are hidden."""
+
+
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` make a file beside `path`, then move it there; a failure leaves the old one.
 
+    What killed processes have left in the folder is removed.
+
     Args:
         path: where the file shall be; its folder must exist.
-        write: gets the temporary path, whose suffix is that of `path`; there is no file there yet.
+        write: gets the temporary path, whose suffix is that of `path`; an empty file is there.
 
     Raises:
         OSError: the file cannot be written.
     """
-    # Hidden, and nothing is there.
-    temporary = path.with_name(f".ssmr-{secrets.token_hex(8)}.part{path.suffix}")
+    for left in path.parent.glob(f"{_PART}*"):
+        # one that is being written is held; without rights it stays
+        with contextlib.suppress(OSError), left.open("r+b") as file:
+            if _hold(file):
+                left.unlink()
+    temporary = path.with_name(f"{_PART}{secrets.token_hex(8)}.part{path.suffix}")
     try:
-        write(temporary)
-        os.replace(temporary, path)
+        with temporary.open("xb") as file:
+            _hold(file)
+            write(temporary)
+            # Windows moves no file that is open
+            if os.name != "posix":
+                file.close()
+            os.replace(temporary, path)
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _hold(file: IO[bytes]) -> bool:
+    """Hold a file until it is closed or this process ends; return whether nobody else does."""
+    if os.name != "posix":
+        return False
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def write_text(path: Path, text: str) -> None:

@@ -10,9 +10,11 @@ if __name__ == "__main__":
 
     end_quietly()
 
+import filecmp
 import inspect
 import math
 import shlex
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, replace
 from pathlib import Path
@@ -468,12 +470,13 @@ def _command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
         source = log_name(o.source)
         if target is not None:
             check_apart(target, source)
-            _require_free(target, o.overwrite)
             cli.require_writable(target.parent)
         elif isinstance(o, Convert):
             target = Path("runs") / "recordings" / f"{file_name(Path(source).stem)}.csv"
         info: LogReport = program.run(o)
         if target is not None:
+            if named is not None and not o.overwrite:
+                _require_free(target, info)
             info.write(target)
         cli.report_result(info, [] if target is None else [target])
 
@@ -483,8 +486,17 @@ def _command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
     return main
 
 
-def _require_free(path: Path, overwrite: bool) -> None:
-    if exists(path) and not overwrite and _OURS not in read_file(path, _MOST_OURS):
+def _require_free(path: Path, report: LogReport) -> None:
+    """Refuse to replace a file that says something else, and was not written by `info`."""
+    if not exists(path):
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        beside = Path(folder) / path.name
+        report.write(beside)
+        # as where the same command was interrupted behind its file
+        if filecmp.cmp(path, beside, shallow=False):
+            return
+    if _OURS not in read_file(path, _MOST_OURS):
         raise FileError(
             path, "there is such a file already; name another, or replace it by --overwrite"
         )

@@ -28,6 +28,7 @@ from validation.descriptions.foreign_robot import is_description
 from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.descriptions.loading import load_robot
 from validation.engines.trial import examine_in_engine
+from validation.files.reading import read_text
 from validation.output import Document, abridged, file_name, one_line, visible
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
@@ -449,8 +450,18 @@ def _write(draft: RobotDraft, out: Path | None) -> None:
     _print([_numbers(draft.robot)], [*draft.remarks, f"written: {visible(target)}", check])
 
 
+def _says(target: Path, text: str) -> bool:
+    """Return whether a file has this text, as where the same command was interrupted behind it."""
+    try:
+        return read_text(target, len(text.encode("utf-8", "backslashreplace"))) == text
+    except ValueError:
+        return False
+
+
 def _save(text: str, target: Path, option: str = "--out") -> None:
     if target.exists() or target.is_symlink():
+        if _says(target, text):
+            return
         raise ValueError(
             f"{option} {target}: there is such a file already, and it is not overwritten; "
             "name another"

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 import reprlib
+import sys
 from collections import Counter, namedtuple
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
@@ -145,7 +146,14 @@ def require_in_range(
     _require(f"{type(owner).__name__}.{name}", getattr(owner, name), low, high, open_low)
 
 
+_LEAST = math.sqrt(sys.float_info.min)
+"""Number above which those lie that must be positive: the square of a lesser one has few digits
+left, or none, and is divided by."""
+
+
 def _require(name: str, value: float, low: float, high: float, open_low: bool) -> None:
+    if open_low and low == 0.0:
+        low = _LEAST
     too_low = value <= low if open_low else value < low
     if math.isnan(value) or value > high or too_low:
         bracket = "(" if open_low else "["

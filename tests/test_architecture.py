@@ -175,6 +175,13 @@ def test_no_module_needs_ros() -> None:
         assert not {u.split(".")[0] for u in imports(name)} & {"rospy", "rclpy", "cyclonedds"}, name
 
 
+def test_no_signal_is_named_that_windows_lacks() -> None:
+    for name in modules():
+        named = {node.attr for node in ast.walk(tree(name)) if isinstance(node, ast.Attribute)}
+        named = {known for known in named if known.startswith("SIG")}
+        assert named <= {"SIGINT", "SIGTERM", "SIG_DFL", "SIG_IGN"}, name
+
+
 OWN_DOORS = {
     "ssmr._jit": "sources of this package",
     "validation.files.reading": "the door: a regular file, of a limited size",

@@ -39,6 +39,23 @@ def test_what_is_written_comes_back_and_what_is_damaged_is_refused(tmp_path: Pat
         refused(path)
 
 
+def test_a_checkpoint_with_a_number_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint.npz"
+    whole = Search(Jde(2, JdeSettings(6, 10), 1), IDENTITY)
+    for _ in range(3):
+        whole.jde.tell(np.sum(whole.jde.ask(), axis=1))
+    whole.save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    numbers = [name for name, values in arrays.items() if values.dtype.kind == "f"]
+    assert len(numbers) > 8
+    for name in numbers:
+        damaged = np.array(arrays[name])
+        damaged[(0,) * damaged.ndim] = np.nan
+        np.savez(path, **{**arrays, name: damaged})
+        refused(path)
+
+
 def test_a_checkpoint_that_says_it_is_packed_in_another_way_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "checkpoint.npz"
     Search(Jde(2, JdeSettings(6, 10), 1), IDENTITY).save(path)

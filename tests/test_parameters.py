@@ -5,14 +5,17 @@ Every parameter set declares all of its own, within ranges that hold defaults an
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.law import PLANAR_MODELS, planar_law
 from ssmr.parameters import check_parameters, described, packed, parameter
-from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from tests.robots import HUSKY
 from validation.simulator.calibration import Calibration
 
@@ -50,6 +53,15 @@ def test_numbers_outside_their_range_are_refused_by_name(changed: dict[str, floa
     (name,) = changed
     with pytest.raises(ValueError, match=rf"Tyre\.{name} = .* lies outside"):
         replace(Tyre(), **changed)
+
+
+@given(size=st.floats(1e-323, 1e-155))
+def test_a_size_whose_square_is_no_number_to_divide_by_is_refused(size: float) -> None:
+    for name, declared in described(Vehicle).items():
+        if declared.open_low:
+            with pytest.raises(ValueError, match=rf"{name} = .* lies outside"):
+                Vehicle(**{name: size})
+    assert math.isfinite(vehicle_body(packed(Vehicle(wheel_radius=1e-150))).per_moved)
 
 
 @pytest.mark.parametrize("kind", SETS)

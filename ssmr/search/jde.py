@@ -269,7 +269,8 @@ class Jde:
         """Return the search that `state` was taken from; it goes on bit for bit as that one would.
 
         Raises:
-            ValueError: the version is another, or the shape of an array.
+            ValueError: the version is another, or the shape of an array, or a number is none that a
+                search has.
             KeyError: an array is missing.
         """
         if str(state.get("version")) != _VERSION:
@@ -282,8 +283,14 @@ class Jde:
             if shape != np.shape(getattr(search, f"_{name}")):
                 raise ValueError(f"{name} of the state has the shape {shape}")
             setattr(search, f"_{name}", np.array(state[name]))
+            # F, CR and points of the cube
+            is_share = (state[name] >= 0.0) & (state[name] <= 1.0)
+            if name != "costs" and not np.all(is_share):
+                raise ValueError(f"{name} of the state has a number outside [0, 1]")
         search._best = int(np.argmin(search._costs))
         search._history = [float(h) for h in state["history"]]
+        if np.any(np.isnan([*search._costs, *search._history])):
+            raise ValueError("the state has a cost that is no number")
         search._asked = bool(state["asked"])
         high, low, inc_high, inc_low = (int(half) for half in state["rng"])
         search._rng.bit_generator.state = {

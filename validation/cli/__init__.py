@@ -8,6 +8,7 @@ from validation.cli.options import AnyRobot as AnyRobot
 from validation.cli.options import Options as Options
 from validation.cli.options import read_value as read_value
 from validation.cli.options import text_of as text_of
+from validation.cli.process import ENDING as ENDING
 from validation.cli.process import EXIT_FAULT as EXIT_FAULT
 from validation.cli.process import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.process import EXIT_USER_ERROR as EXIT_USER_ERROR

@@ -38,6 +38,8 @@ EXIT_USER_ERROR = 2
 EXIT_FAULT = 70
 """The program itself is at fault; BSD calls it EX_SOFTWARE."""
 EXIT_INTERRUPTED = 130
+ENDING = tuple(s for s in signal.Signals if s.name in ("SIGINT", "SIGTERM", "SIGHUP"))
+"""Signals that end work as Ctrl-C does, as far as the system has them."""
 _OURS = ("ssmr", "validation", "benchmarks", "__main__")
 """Packages whose `ValueError` is the user's mistake; another's is a fault of the program."""
 _LONGEST_LINE = 700
@@ -190,9 +192,8 @@ def _prepare() -> None:
     gc.set_threshold(50_000, 20, 100)
     logging.captureWarnings(True)
     if threading.current_thread() is threading.main_thread():
-        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-            number = getattr(signal, name, None)
+        for number in ENDING:
             # under nohup one stays ignored
-            if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            if signal.getsignal(number) is signal.SIG_DFL:
                 signal.signal(number, signal.default_int_handler)
     warnings.filterwarnings("ignore", "Glyph .* missing from font")  # matplotlib draws a box

@@ -22,7 +22,7 @@ import numpy as np
 
 from ssmr.errors import SsmrError
 from ssmr.search.jde import Jde, JdeSettings
-from ssmr.types import FloatArray
+from ssmr.types import FloatArray, frozen_array
 from validation import cli, output
 from validation.files.reading import opened
 from validation.identify.problem import FitProblem
@@ -310,7 +310,7 @@ class Search:
                 if name.startswith("jde_"):
                     state[name.removeprefix("jde_")] = value
             jde = Jde.restore(state)
-            wall_s = float(data["wall_s"])
+            wall_s = float(frozen_array(data["wall_s"], "wall_s", ()))
             points = [point.tobytes() for point in data.get("lsq_points", ())]
             driven = Remembered(zip(points, data.get("lsq_errors", ()), strict=True))
         except Exception as error:  # a damaged file may raise anything

@@ -52,8 +52,7 @@ def _one_signal_ends() -> Iterator[Callable[[], None]]:
     Yields:
         The function after whose call no signal disturbs any more.
     """
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before: dict[int, Any] = {number: signal.getsignal(number) for number in numbers}
+    before: dict[int, Any] = {number: signal.getsignal(number) for number in cli.ENDING}
 
     def ignore() -> None:
         for number in before:

@@ -31,17 +31,6 @@ TILE, GRASS, RAISED, WARTHOG = (
     for name in ("husky_tile", "husky_wet_grass", "husky_wheels_up", "warthog_grass")
 )
 
-RUNS = (
-    TILE,
-    GRASS,
-    "husky_unnamed_train.csv",
-    f"{WARTHOG}@warthog",
-    *(
-        f"warthog_{name}_train.csv@warthog"
-        for name in ("grass_2", "asphalt", "asphalt_slow", "gravel_fast", "ice")
-    ),
-)
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -76,12 +65,6 @@ PICTURES = {
     "references": Picture("make_references_figure.py", 0.1),
     "results": Picture("replicate", 60.0, "replicate.png", unsigned=False),
     "robot": Picture("robots check warthog", 0.2, "robot.png"),
-    "runs": Picture(
-        f"study runs {' '.join(RUNS)} --robot husky --plants kinematic,four_wheel,mujoco",
-        20.0,
-        "study.png",
-        unsigned=False,
-    ),
     "sideways_drift": Picture("make_contact_figures.py", 1.0),
     "tile": Picture("make_identification_figures.py", 0.1),
     "track": Picture(

@@ -507,10 +507,10 @@ PRICES = {
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
-        13_300,
-        10,
-        42,
-        "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
+        9_500,
+        8,
+        27,
+        "answers: contact of a robot with its weight in the middle, transfer, drive train",
     ),
     "validation/experiment": Price(
         15_800,

@@ -57,7 +57,6 @@ MISTAKES = {
     "compare traj4 --out others": "has a compare.json already, which would be lost",
     "robots check husky --out others": "has a robot.png already, which would be lost",
     "tune pid --out others": "has a checkpoint.npz already, which would be lost",
-    "study runs drive.csv --out others": "has a drive.toml already, which would be lost",
     f"{FIT} --yaw-weight -1": "yaw_weight",
     "fit kinematic --to bare.csv --input wheels": "no column enc_left, enc_right",
     "fit kinematic --to traj4@kinematic --held-out ring.csv": "error: ring.csv: ",
@@ -146,7 +145,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "two_rows.csv").write_text(wheels)
     os.mkfifo(folder / "pipe.toml")
     (folder / "others").mkdir()
-    for name in ("fit.png", "compare.json", "robot.png", "checkpoint.npz", "drive.toml"):
+    for name in ("fit.png", "compare.json", "robot.png", "checkpoint.npz"):
         (folder / "others" / name).write_text("of somebody else")
     write_csv(in_the_air(), folder / "up.csv")
     write_csv(

@@ -90,7 +90,7 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("compere", "traj4"), f"Available subcommands: {', '.join(ssmr.PROGRAMS)}"),
-        (("study", "contacts"), "Available subcommands: contact, transfer, drivetrain, runs"),
+        (("study", "contacts"), "Available subcommands: contact, transfer, drivetrain"),
         (("compare", "traj9"), "error: no source 'traj9'"),
     ],
 )

@@ -225,7 +225,7 @@ class Motions(DrivenRobots):
             notes += standing_sentences(self.source, headline)
         if self.gyro is not None:
             notes.append(self.gyro.sentence)
-        return [*notes, *self.source.warnings, *alike_sentences(self.scores, self.alike)]
+        return [*notes, *self.source.warnings, *_alike_sentences(self.scores, self.alike)]
 
     def document(self) -> Document:
         """Return the contents of compare.json without options and tables."""
@@ -430,7 +430,7 @@ def indistinguishable_pairs(scores: ScoresByPlant, gyro_first: bool = False) -> 
     return alike
 
 
-def alike_sentences(scores: ScoresByPlant, alike: Document | None) -> list[str]:
+def _alike_sentences(scores: ScoresByPlant, alike: Document | None) -> list[str]:
     """Return sentences on the plants that a recording tells apart, and on those that it does not.
 
     `alike` is the result of `indistinguishable_pairs`.

@@ -15,7 +15,7 @@ from typing import Any
 
 from validation import cli
 
-STUDIES = ("contact", "transfer", "drivetrain", "runs")
+STUDIES = ("contact", "transfer", "drivetrain")
 """Names of all studies, in the order of the help text."""
 
 

@@ -17,23 +17,18 @@ from validation.report.table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnyStudy(cli.Common):
+class StudyOptions(cli.Common):
     """Options of every study."""
-
-    def folder(self) -> Path:
-        """Return the folder that the files are written to."""
-        return Path("runs") / "study" / type(self).__module__.rpartition(".")[2]
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudyOptions(AnyStudy):
-    """Options of every study of one robot."""
 
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
     another --robot the numbers of its file."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        return Path("runs") / "study" / type(self).__module__.rpartition(".")[2]
 
     def robot_profile(self) -> Profile:
         """Return the profile; a ValueError refuses an unknown name, or that of another robot."""

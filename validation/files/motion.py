@@ -120,12 +120,17 @@ def ways_of(group: Group) -> dict[str, Way]:
         column = values[:, None]
         if name in POSE_COLUMNS:
             new = fresh_poses(group.t, column if pose is None else pose)
-            ways[name] = group.t[new], values[new]
+            ways[name] = new_samples(new, group.t), new_samples(new, values)
         elif name in RATES:
             new = refreshed(group.t, column)
-            t = group.t[new]
-            ways[name] = t, integral(t, values[new])
+            t = new_samples(new, group.t)
+            ways[name] = t, integral(t, new_samples(new, values))
     return ways
+
+
+def new_samples(new: BoolArray, values: FloatArray) -> FloatArray:
+    """Return the values of new samples: where all are new, themselves, for logs may be large."""
+    return values if np.all(new) else values[new]
 
 
 # ------------------------------------------------------------------------------------------ jumps

@@ -29,6 +29,7 @@ from validation.files.motion import (
     Way,
     find_jumps,
     motion_by_sensor,
+    new_samples,
     ways_of,
 )
 from validation.files.signals import centred, correlations, fresh_poses, refreshed
@@ -100,8 +101,9 @@ class Signals:
             new = np.ones(len(group.t), dtype=bool)
             if sensor != "cmd":  # a command that is repeated holds on
                 new = refreshed(group.t, np.column_stack(known))
-            speed = speeds[sensor][new] if sensor in speeds else None
-            told[sensor] = Told(group, group.t[new], speed, turns[sensor][new])
+            speed = new_samples(new, speeds[sensor]) if sensor in speeds else None
+            turn = new_samples(new, turns[sensor])
+            told[sensor] = Told(group, new_samples(new, group.t), speed, turn)
         return told
 
     def as_logged(self, *sensors: str) -> Told | None:

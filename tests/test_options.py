@@ -6,12 +6,14 @@ A misspelt choice never runs something else.
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, fields
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import numpy as np
 import pytest
+import tyro
 from typeguard import CollectionCheckStrategy, check_type
 
 from ssmr.types import State
@@ -144,6 +146,33 @@ def test_what_an_option_cannot_be_is_one_line(options: dict[str, Any], message: 
     with pytest.raises(ValueError, match=message) as caught:
         made(Compare, **options)
     assert "\n" not in str(caught.value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfAUser(cli.Common):
+    """Options as a user's program may have them."""
+
+    delays: tuple[float, ...] = (0.05, 0.1)
+    """Delays [s]."""
+    names: tuple[str, ...] | None = None
+    """Names."""
+    own: Callable[..., float] | str | None = None
+    """A function."""
+
+
+def test_a_tuple_of_any_length_is_a_list() -> None:
+    def main(options: OfAUser) -> OfAUser:
+        return options
+
+    main.__annotations__["options"] = Annotated[OfAUser, tyro.conf.arg(name="")]
+    words = ["--delays", "0.1,0.2", "--names", "a,b", "--own", "f.py:f"]
+    for made_of in (
+        cli.parse(main, "main", words)(),
+        OfAUser(delays="0.1,0.2", names="a,b", own="f.py:f"),  # type: ignore[arg-type]
+    ):
+        assert (made_of.delays, made_of.names, made_of.own) == ((0.1, 0.2), ("a", "b"), "f.py:f")
+    with pytest.raises(ValueError, match="positive numbers that increase"):
+        OfAUser(delays=[0.2, 0.1])  # type: ignore[arg-type]
 
 
 def test_no_plants_are_none() -> None:

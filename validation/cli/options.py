@@ -127,8 +127,15 @@ def _require(name: str, value: Any, kind: Any) -> None:
 def _members(kind: Any) -> tuple[Any, ...]:
     """Return the members of a union; a type that is none is its only member."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
-        return typing.get_args(kind)
-    return (kind,)
+        return tuple(map(_as_list, typing.get_args(kind)))
+    return (_as_list(kind),)
+
+
+def _as_list(kind: Any) -> Any:
+    """Return the type of a list for that of a tuple of any length."""
+    parts = typing.get_args(kind)
+    is_endless = typing.get_origin(kind) is tuple and parts[-1:] == (...,)
+    return typing.cast(Any, Sequence)[parts[0]] if is_endless else kind
 
 
 # --- how texts are read ---

@@ -470,11 +470,11 @@ PRICES = {
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
     "validation/files": Price(
-        43_600,
+        43_800,
         27,
-        108,
-        "any log is read as one form, of bags on one clock with the most independent pose; "
-        "its faults are named, a slipping side among them; it is written",
+        109,
+        "any log, a frame of pandas too, is read as one form, of bags on one clock with the most "
+        "independent pose; its faults are named, a slipping side among them; it is written",
     ),
     "validation/plants": Price(
         7_400,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
@@ -14,12 +15,14 @@ from hypothesis import strategies as st
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import MOTOR_COLUMNS, State, Trajectory
 from validation import load_profile, open_source
+from validation.calibrate import calibrate
 from validation.compare import compare
 from validation.files.columns import COLUMNS
 from validation.files.csv_logs import read_csv, read_frame
 from validation.files.formats import log_path
 from validation.files.log import PLAIN, Log
 from validation.files.reading import FileError
+from validation.fit import fit
 from validation.plants.profile import make_plant
 from validation.plants.table import PLANTS
 
@@ -118,3 +121,41 @@ def test_a_comparison_with_a_frame_is_that_with_its_file(tmp_path: Path) -> None
 def test_what_is_no_frame_is_refused(given: object) -> None:
     with pytest.raises(ValueError, match=r"source is .*, wanted str \| Path \| DataFrame"):
         compare(given)
+
+
+FEW: dict[str, Any] = {
+    "input": "wheels",
+    "search": "lsq",
+    "free": ("alpha_l", "alpha_r", "y_l", "y_r"),
+    "profile": "husky-tile",
+}
+
+
+def test_fits_and_calibrations_of_a_frame_are_those_of_its_file() -> None:
+    frame = pandas.read_csv(log_path("husky"))
+    path = log_path("husky")
+    fits = [fit("kinematic", to=given, **FEW) for given in (frame, path, [frame], [path])]
+    assert len({tuple(p.value for p in fitted.parameters) for fitted in fits}) == 1
+    assert fits[0].asked.names == ["frame"]
+    calibrated = [
+        calibrate(given, robot="husky", plants=("kinematic",)) for given in (frame, path, [frame])
+    ]
+    for other in calibrated[1:]:
+        pandas.testing.assert_frame_equal(other.frame(), calibrated[0].frame())
+
+
+@pytest.mark.parametrize("name", [None, "monday", "traj4"])
+def test_parts_of_a_frame_are_told_apart(name: str | None) -> None:
+    """Parts have the name of the whole, and most frames have none."""
+    frame = pandas.read_csv(log_path("husky"))
+    if name is not None:
+        frame.attrs["name"] = name
+    early = frame[frame["t"] < 30.0]
+    late = frame[frame["t"] >= 30.0]
+    judged = fit("kinematic", to=early, held_out=[late], **FEW)
+    assert len(set(judged.train) | set(judged.held_out)) == 2
+    both = fit("kinematic", to=[early, late], **FEW)
+    assert len(both.train) == 2
+    outside = fit("kinematic", to=frame, until=30.0, held_out=[frame], **FEW)
+    assert list(outside.train) == list(outside.held_out)
+    assert frame.attrs.get("name") == early.attrs.get("name") == late.attrs.get("name") == name

@@ -12,6 +12,7 @@ import pytest
 from validation import load_profile
 from validation.compare import Comparison, compare
 from validation.fit import fit
+from validation.report.report import Report
 from validation.track import track
 
 LAB = load_profile("thesis-lab")
@@ -104,3 +105,11 @@ def test_a_notebook_shows_tables(comparison: Comparison) -> None:
     assert float(linear[1]) == pytest.approx(frame.loc["linear", "d_rms_m"], abs=6e-4)
     assert repr(comparison).startswith("<compare: traj4, thesis-lab")
     assert len(repr(comparison)) < 120
+
+
+def test_every_result_says_in_a_line_what_it_is() -> None:
+    kinds: list[Any] = [Report]
+    for kind in kinds:
+        kinds += kind.__subclasses__()
+    assert len(kinds) > 6
+    assert {kind.__name__ for kind in kinds if kind.__repr__ is not Report.__repr__} == set()

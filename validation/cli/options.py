@@ -33,6 +33,8 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
+from ssmr.scenarios import TRAJECTORIES
+from validation.files.csv_logs import with_frames_apart
 from validation.files.limits import USUAL, LogLimits
 from validation.output import one_line, shortened
 from validation.plants.profile import Profile
@@ -61,8 +63,10 @@ class Options:
                 message names it.
         """
         kinds: Mapping[str, Any] = kinds_of(type(self))  # type: ignore[arg-type]
+        # a frame may not pass for a scenario
+        frames: dict[str, Any] = dict.fromkeys(TRAJECTORIES)
         for name, kind in kinds.items():
-            value = _admitted(getattr(self, name), kind)
+            value = _admitted(with_frames_apart(getattr(self, name), frames), kind)
             _require(name, value, kind)
             object.__setattr__(self, name, value)
 

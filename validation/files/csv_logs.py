@@ -13,6 +13,7 @@ from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -277,6 +278,29 @@ def read_csv(path: str | Path, options: ReadOptions = PLAIN, radius: float | Non
 def frame_path(frame: DataFrame) -> Path:
     """Return the path that a frame stands for: the name in its `attrs`, else `frame`."""
     return Path(str(frame.attrs.get("name", "frame")))
+
+
+def with_frames_apart(given: Any, names: dict[str, Any]) -> Any:
+    """Return an object, or a list of some, with frames of pandas whose names are in `names` once.
+
+    Parts of a frame have its name, and most frames have none: others are called NAME-2 and so on. A
+    frame that is given twice is one; those that are returned are added to `names`.
+    """
+    if type(given) in (list, tuple):
+        return tuple(with_frames_apart(each, names) for each in given)
+    if not isinstance(given, DataFrame):
+        return given
+    first = str(frame_path(given))
+    name = first
+    number = 1
+    while names.setdefault(name, given) is not given:
+        number += 1
+        name = f"{first}-{number}"
+    if name == first:
+        return given
+    renamed = given.copy(deep=False)
+    renamed.attrs["name"] = name
+    return renamed
 
 
 def read_frame(frame: DataFrame, options: ReadOptions, radius: float | None) -> Log:

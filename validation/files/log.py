@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -209,11 +209,13 @@ class Topic(_Value):
     """Sentence on what in it is not understood, and how to name it."""
 
 
+@runtime_checkable
 class DataFrame(Protocol):
     """A frame of pandas, as far as a log needs it; pandas itself takes long to import."""
 
     attrs: Any
     columns: Any
+    copy: Any
     iloc: Any
     index: Any
     reset_index: Any

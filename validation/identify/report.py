@@ -147,7 +147,7 @@ def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
     return out
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SearchReport(Report, ABC):
     """The report on a search."""
 

@@ -78,6 +78,12 @@ def is_deleted(path: Path) -> bool:
     return not path.exists() and any(p.match(pattern) for p, pattern in product(within, gone))
 
 
+def is_possible(command: str) -> bool:
+    """Whether a command, such as `study contact`, is of no appendix that was deleted."""
+    program = command.split()[0]
+    return program not in APPENDICES or is_there(program)
+
+
 def is_there(name: str) -> bool:
     """Whether an appendix was not deleted."""
     return (ROOT / room_of_appendix(name)).is_dir()

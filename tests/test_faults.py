@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.appendices import is_possible
 from tests.drive_train_logs import in_the_air, on_grass
 from validation.files.csv_logs import write_csv
 from validation.plants.profile import load_profile
@@ -180,7 +181,7 @@ def call(
     return status, capfd.readouterr().err
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", [*filter(is_possible, COMMANDS)])
 def test_what_users_meet(
     name: str,
     good: Path,
@@ -230,7 +231,7 @@ LONG = {
 
 
 @pytest.mark.slow  # six processes each
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", [*filter(is_possible, LONG)])
 def test_an_end_in_mid_run(name: str, good: Path, tmp_path: Path) -> None:
     """Whatever ends a program, each file is whole or not there.
 

@@ -90,7 +90,7 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("compere", "traj4"), f"Available subcommands: {', '.join(ssmr.PROGRAMS)}"),
-        (("study", "contacts"), "Available subcommands: contact, transfer, drivetrain"),
+        (("robots", "chek"), "Available subcommands: list, check, new, import, export"),
         (("compare", "traj9"), "error: no source 'traj9'"),
     ],
 )
@@ -163,7 +163,7 @@ def test_bash_completes_programs_studies_and_options(tmp_path: Path, call: Call)
         return {word.split("\t")[0].strip() for word in done.stdout.splitlines()}
 
     assert completed("ssmr", "") == {*ssmr.PROGRAMS, "-h", "--help", "--version"}
-    assert "contact" in completed("ssmr", "study", "")
+    assert "check" in completed("ssmr", "robots", "")
     assert completed("ssmr", "compare", "--pl") == {"--plants"}
     assert completed("ssmr", "compare", "--input", "") == {"commands", "wheels"}
     assert all(word.startswith("-") for word in completed("ssmr", "fit", ""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from validation.files.bags import read_bag
 from validation.files.inspection import Inspected
 from validation.files.log import PLAIN, Log
 from validation.files.offsets import why_without_stamps
+from validation.files.reading import FileError
 
 LATE = 0.08
 """Time by which the wheels follow the commands [s]."""
@@ -159,3 +161,39 @@ def test_info_says_what_is_known_of_the_delay(
     log = read_with_clocks(answer, waits=waits)
     monkeypatch.setattr(recordings, "open_log", lambda *_: Inspected(log))
     assert any(said in note for note in recordings.info("drive.mcap").notes())
+
+
+TICKS = st.lists(st.integers(0, 4), min_size=1, max_size=6).map(sorted)
+"""Times of a few messages, of which many are equal [0.1 s]."""
+FEW = (
+    (COMMANDS, "geometry_msgs/msg/Twist", ("v", "w")),
+    ("/joint_states", "sensor_msgs/msg/JointState", ("left.velocity", "right.velocity")),
+    ("/mocap/pose", "geometry_msgs/msg/PoseStamped", ("x", "y", "yaw")),
+)
+"""Topics of a bag with few messages."""
+
+
+@given(
+    written=TICKS,
+    wheels=TICKS | st.just([0]),
+    poses=TICKS | st.just([0]),
+    origin=st.sampled_from([0, 5, make.START * 10]),
+)
+def test_few_messages_with_any_stamps_are_read_or_refused_by_name(
+    written: list[int], wheels: list[int], poses: list[int], origin: int
+) -> None:
+    """Clocks that stand still for a while or for ever, or say nothing."""
+    few = []
+    for ticks, (_, _, columns) in zip(([0], wheels, poses), FEW, strict=True):
+        header = np.resize(ticks, len(written)).astype("i8")
+        header = np.where(header > 0, header + origin, 0) * 100_000_000
+        when = (make.START * 10 + np.array(written)) * 100_000_000
+        numbers = 0.1 * np.arange(1.0, 1.0 + len(written) * len(columns))
+        few += [when.tobytes(), header.tobytes(), numbers.tobytes()]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(guarded, "ask", lambda *_: ((3, FEW, []), few))
+        patch.setattr("validation.files.bags._allowance", lambda _: guarded.Allowance(1, 1, 1))
+        with contextlib.suppress(FileError):
+            inspected = Inspected(read_bag(Path("drive.mcap"), PLAIN))
+            assert not inspected.offsets
+            assert not any(inspected.good_for().values())

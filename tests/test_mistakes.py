@@ -125,7 +125,7 @@ MISTAKES = {
     "study transfer --quick --references eihgt": "no reference 'eihgt'",
     "study transfer --quick --plants improvd": "unknown plant 'improvd'",
     "study transfer --quick --plants mujoco": "plants names none besides mujoco",
-    "calibrate two_rows.csv --robot husky --plants kinematic": "two_rows.csv",
+    "calibrate two_rows.csv --robot husky --plants kinematic": "two_rows: 0.1 s without a gap",
     "compare traj4 --robot pipe.toml": "this is a pipe, wanted a file",
 }
 """Each command, and the words that its message on standard error must hold."""

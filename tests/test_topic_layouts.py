@@ -141,3 +141,27 @@ def test_a_program_takes_a_layout_or_says_what_it_lacks(
     has_all = not reader.inputs or (topics & {*reader.inputs} and topics & {*POSES})
     status = exit_status(reader.program, *reader.options, str(answer[0]))
     assert status == (0 if has_all else 2)
+
+
+def short_log(path: Path, rows: int, period: float) -> Path:
+    """A log of few rows, of a robot on a circle, with all columns."""
+    t = period * np.arange(rows)
+    yaw = 0.3 * t
+    x = 0.5 / 0.3 * np.sin(yaw)
+    y = 0.5 / 0.3 * (1.0 - np.cos(yaw))
+    one = np.ones(rows)
+    names = "t,x,y,yaw,enc_left,enc_right,cmd_v,cmd_w,gyro_z"
+    columns = [t, x, y, yaw, 2.5 * one, 3.5 * one, 0.5 * one, 0.3 * one, 0.3 * one]
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=names, comments="")
+    return path
+
+
+@pytest.mark.parametrize("period", [0.05, 1.0])
+@pytest.mark.parametrize("rows", [2, 4, 15])
+@pytest.mark.parametrize("name", READERS)
+def test_a_program_takes_a_log_of_few_rows_or_says_that_it_is_short(
+    name: str, rows: int, period: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = short_log(tmp_path / "short.csv", rows, period)
+    assert exit_status(READERS[name].program, *READERS[name].options, str(path)) in (0, 2)

@@ -260,13 +260,12 @@ def _usual_way(logs: Sequence[Log]) -> float:
     """Return the median way of a robot that moves in the time of the headline's horizon [m]."""
     ways = [np.zeros(0)]
     for log in logs:
-        x, y, _ = log.table(POSE_COLUMNS).T
         grid = np.arange(log.t[0], log.t[-1], 1.0)
-        steps = np.hypot(*(np.diff(np.interp(grid, log.t, values)) for values in (x, y)))
-        sums = np.convolve(steps, np.ones(round(HEADLINE_HORIZON)), mode="valid")
-        ways.append(sums[sums > 0.1])
+        places = [np.interp(grid, log.t, values) for values in log.table(POSE_COLUMNS).T[:2]]
+        driven = np.cumulative_sum(np.hypot(*np.diff(places)), include_initial=True)
+        ways.append(driven[round(HEADLINE_HORIZON) :] - driven[: -round(HEADLINE_HORIZON)])
     moves = np.concatenate(ways)
-    return float(np.median(moves)) if len(moves) else 0.0
+    return float(np.median(moves[moves > 0.1])) if np.any(moves > 0.1) else 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -577,9 +576,10 @@ def _inputs(o: Calibrate, inspected: Inspected) -> tuple[list[Input], list[str]]
     if refused and only_commands and not o.trust:
         notes = ["The commands are not to be trusted, so the driver was not fitted."]
     elif (refused or missing) and not o.trust:
-        for sentence in (*(fault.sentence for fault in faults.named), *missing):
+        others = [*(fault.sentence for fault in faults.named), *missing]
+        first = f"look at {', '.join(named)} first" if refused else others.pop(-len(missing))
+        for sentence in others:
             cli.warn(f"{log.name}: {sentence}")
-        first = f"look at {', '.join(named)} first" if refused else f"{missing[0]}"
         raise ValueError(f"{log.name}: {first}; --trust calibrates all the same")
     often = (faults.uncommanded_share or 0.0) > _UNCOMMANDED
     inputs = list[Input]()

@@ -255,14 +255,18 @@ def too_short(longest: float) -> list[str]:
 def _find_lacks(signals: Signals) -> Iterator[str]:
     """Yield a sentence for each thing that a log with poses cannot tell, and what to drive."""
     poses = signals.poses
-    if poses is None or len(poses.t) < 3:
+    if poses is None:
         return
-    t = poses.t
-    whole = float(t[-1] - t[0])
     edges = [float(poses.group.t[0]), *np.ravel(poses.group.gaps()), float(poses.group.t[-1])]
     if short := too_short(float(np.max(np.diff(edges)[::2]))):
         yield from short
         return
+    t = poses.t
+    stands = "the robot stands: drive ahead, back, and curves to both sides"
+    if len(t) < 3:
+        yield stands
+        return
+    whole = float(t[-1] - t[0])
     if whole < _PARTS * _WINDOW_S:
         yield (
             f"the last third of {whole:.3g} s is too short to judge on: drive for a minute or more"
@@ -274,7 +278,7 @@ def _find_lacks(signals: Signals) -> Iterator[str]:
     extent = max(np.ptp(x), np.ptp(y))
     turned = np.ptp(yaw)
     if extent < _STANDS and turned < _STANDS:
-        yield "the robot stands: drive ahead, back, and curves to both sides"
+        yield stands
     elif turned < _TURNED:
         yield (
             "the log never turns, so how the robot turns cannot be determined: "

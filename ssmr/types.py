@@ -31,10 +31,13 @@ CURRENTS = "current_A"
 """Channel of a motion, where its log has it: (M, 2) of the left and right motors."""
 VOLTAGES = "voltage_V"
 """Likewise."""
+TORQUES = "torque_N_m"
+"""Channel of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m]."""
 MOTOR_COLUMNS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         CURRENTS: ("current_left", "current_right"),
         VOLTAGES: ("voltage_left", "voltage_right"),
+        TORQUES: ("torque_left", "torque_right"),
     }
 )
 """Columns of a log that such a channel is made of."""

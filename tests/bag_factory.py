@@ -77,9 +77,9 @@ def imu(t: float, rates: Sequence[float], acceleration: Sequence[float] = (0.0, 
     )
 
 
-def joints(t: float, rates: Mapping[str, float]) -> Made:
+def joints(t: float, rates: Mapping[str, float], efforts: Sequence[float] = ()) -> Made:
     return "sensor_msgs/msg/JointState", stamped(
-        t, name=list(rates), velocity=np.array(list(rates.values()))
+        t, name=list(rates), velocity=np.array(list(rates.values())), effort=np.array(efforts)
     )
 
 

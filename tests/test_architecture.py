@@ -470,11 +470,12 @@ PRICES = {
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
     "validation/files": Price(
-        43_800,
+        44_000,
         27,
         109,
         "any log, a frame of pandas too, is read as one form, of bags on one clock with the most "
-        "independent pose; its faults are named, a slipping side among them; it is written",
+        "independent pose and the efforts of joints; its faults are named, a slipping side among "
+        "them; it is written",
     ),
     "validation/plants": Price(
         7_400,

@@ -284,6 +284,30 @@ def test_joints_say_their_side_in_many_ways(tmp_path: Path, left: str, right: st
     assert set(columns["enc_right"]) == {3.0}
 
 
+@pytest.mark.parametrize("lost", ["nothing", "zeros", "NaN", "none"])
+def test_efforts_of_a_sides_wheels_add_up_where_they_tell_something(
+    tmp_path: Path, lost: str
+) -> None:
+    """Their sign is that of the axle. Drivers that know none leave zeros, NaN or no field."""
+    rates = {"fl_wheel": 2.0, "rl_wheel": 4.0, "fr_wheel": -1.0, "rr_wheel": -1.0, "arm_left": 0.0}
+    messages = list[Message]()
+    for k in range(9):
+        efforts = [1.0 + k, 3.0, -5.0, -6.0 - k, 99.0]
+        if lost == "zeros":
+            efforts = [0.0] * 5
+        elif lost == "NaN":
+            efforts[1] = math.nan
+        made = make.joints(0.1 * k, rates, [] if lost == "none" else efforts)
+        messages.append(("/js", 0.1 * k, made))
+    columns = read_log(write(tmp_path, "mcap", messages)).columns
+    assert set(columns["enc_left"]) == {3.0}
+    if lost == "nothing":
+        np.testing.assert_allclose(columns["torque_left"], 4.0 + np.arange(9))
+        np.testing.assert_allclose(columns["torque_right"], -11.0 - np.arange(9))
+    else:
+        assert not {"torque_left", "torque_right"} & set(columns)
+
+
 def test_joints_without_a_side_are_listed_and_can_be_named(tmp_path: Path) -> None:
     rates = {"m1": 1.0, "m2": 2.0, "m3": 3.0, "m4": 4.0}
     messages = [("/js", 0.1 * k, make.joints(0.1 * k, rates)) for k in range(9)]

@@ -90,6 +90,23 @@ def test_columns_can_be_means_and_positions(tmp_path: Path) -> None:
         read_csv(path, ReadOptions(columns=named))
 
 
+def test_torques_of_a_side_add_up_whether_named_or_guessed(tmp_path: Path) -> None:
+    wheels = ("front_left", "rear_left", "front_right", "rear_right")
+    columns = {"__time": T}
+    for k, wheel in enumerate(wheels):
+        columns[f"/joint_states/{wheel}_wheel/velocity"] = (k + 1.0) * T
+        columns[f"/joint_states/{wheel}_wheel/effort"] = (k + 1.0) * YAW
+    guessed = read_csv(table(tmp_path / "theirs.csv", columns))
+    named = {"torque_left": ("fl+rl", ""), "torque_right": ("fr+rr", "")}
+    own = dict(zip(("t", "fl", "rl", "fr", "rr"), (T, YAW, 2 * YAW, 3 * YAW, 4 * YAW), strict=True))
+    path = table(tmp_path / "ours.csv", {**own, "x": T})
+    log = read_csv(path, ReadOptions(columns=named))
+    for torques in (guessed.columns, log.columns):
+        np.testing.assert_allclose(torques["torque_left"], 3.0 * YAW)
+        np.testing.assert_allclose(torques["torque_right"], 7.0 * YAW)
+    np.testing.assert_allclose(guessed.columns["enc_left"], 1.5 * T)
+
+
 def test_repeated_rows_are_left_out_and_words_for_nothing_are_gaps(tmp_path: Path) -> None:
     x: list[object] = [*T]
     x[50] = "NaN"

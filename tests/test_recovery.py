@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,7 +18,14 @@ from ssmr.robot.drivetrain import (
 )
 from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF
-from tests.drive_train_logs import FRICTION, RIPPLE, SLIP, on_grass, warthog_on_grass
+from tests.drive_train_logs import (
+    FRICTION,
+    RIPPLE,
+    SLIP,
+    on_grass,
+    random_drive,
+    warthog_on_grass,
+)
 from tests.drive_train_logs import HUSKY as HUSKY_CHASSIS
 from tests.drive_train_logs import TORQUE as TORQUE_LIMIT
 from tests.drive_train_logs import WARTHOG as WARTHOG_CHASSIS
@@ -25,8 +33,8 @@ from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_targ
 from validation.descriptions.loading import load_robot
 from validation.experiment.sources import Piece, Source
 from validation.fit import fit
-from validation.identify.currents import _torques_of
-from validation.identify.motor_logs import drive_log, loss_of
+from validation.identify.currents import COULOMB_SCALE, _torques_of
+from validation.identify.motor_logs import DriveLog, drive_log, loss_of
 from validation.identify.objective import (
     FitCost,
     Objective,
@@ -222,6 +230,45 @@ def test_currents_of_a_synthetic_log_are_its_torques() -> None:
     none, said = _torques_of(log, HUSKY_CHASSIS, 0.0, 0.0)
     assert none is None
     assert "--torque-constant" in said
+
+
+def signed_log(unit: Literal["A", "N m"], sign: str, loss: float = 3.0) -> DriveLog:
+    """Return a log of a Husky whose torques, or currents of 1 A/(N m), have a sign of some kind."""
+    motion = random_drive(5, 40, HUSKY_CHASSIS, most=0.5)
+    rates = motion.rates[:, ::5]
+    torques = 30.0 * side_forces(rates, HUSKY_CHASSIS.vehicle, COULOMB_SCALE)
+    torques += loss * np.sign(rates)
+    rng = np.random.default_rng(6)
+    torques += 0.6 * rng.standard_normal(torques.shape)
+    if sign != "axle":
+        torques *= np.where(rates < 0.0, -1.0, 1.0) if sign == "driving" else -1.0
+    return DriveLog("signed", motion.t[::5], rates, None, torques, None, True, unit)
+
+
+@pytest.mark.parametrize("sign", ["axle", "driving", "against the axle"])
+@pytest.mark.parametrize("unit", ["A", "N m"])
+def test_a_torque_is_the_same_whatever_its_sign_means(unit: Literal["A", "N m"], sign: str) -> None:
+    """Where wheels slide it is that of the ground with the sign of the axle, and losses are off."""
+    log = signed_log(unit, sign)
+    torques, said = _torques_of(log, HUSKY_CHASSIS, 1.0, 0.0)
+    assert torques is not None
+    assert "battery" not in said
+    known = np.isfinite(torques).all(axis=1)
+    assert known.mean() > 0.3
+    push = 30.0 * side_forces(log.rates, HUSKY_CHASSIS.vehicle, COULOMB_SCALE).T
+    off = torques[known] - push[known]
+    assert np.abs(off.mean(axis=0)).max() < 0.3
+    assert np.std(off) < 1.0
+
+
+def test_torques_that_are_none_of_a_drive_train_are_refused_with_the_reason() -> None:
+    log = signed_log("N m", "axle")
+    assert log.currents is not None
+    other = replace(log, currents=np.random.default_rng(1).standard_normal(log.currents.shape))
+    with pytest.raises(ValueError, match=r"explain 0\.\d\d of their variance.*wanted 0\.8"):
+        _torques_of(other, HUSKY_CHASSIS, 0.0, 0.0)
+    with pytest.raises(ValueError, match=r"on the left they would need a negative loss, -3"):
+        _torques_of(signed_log("N m", "axle", -3.0), HUSKY_CHASSIS, 0.0, 0.0)
 
 
 def test_a_battery_needs_no_constant() -> None:

@@ -48,6 +48,9 @@ class Wave:
         self.days: list[Day] = []
         self.seen = self.shape @ [0.4, 0.6] + noise
 
+    def with_other_tyres(self) -> None:
+        """It has no tyres."""
+
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
         """Return (S, K) errors of (S, 2) points."""
         return points @ self.shape.T - self.seen

@@ -500,7 +500,7 @@ def _held(
         resume=False,
     )
     report = run_fit(again, lambda warning: None)
-    reason = "neither currents nor the speed of this motion tell it."
+    reason = "neither torques nor the speed of this motion tell it."
     notes = [f"{name} is held at {value:.3g}: {reason}" for name, value in friction.items()]
     was = {name: getattr(o, name) for name in ("search", "guess", "since", "until")}
     options = {**report.options, **was}

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.types import CommandKind, FloatArray
+from ssmr.types import MOTOR_COLUMNS, TORQUES, CommandKind, FloatArray
 
 
 # ------------------------------------------------------------------------------------------ ours
@@ -48,6 +48,7 @@ _RPM = "rpm, ticks or degrees per second"
 _DEGREES = "degrees per second"
 _CURRENT = Column("A", "channels", 1e100, 1000.0, "mA")
 _VOLTAGE = Column("V", "channels", 1e100, 200.0, "mV")
+_TORQUE = Column("N m", "channels", 1e100, 1e4, "N mm")
 COLUMNS: Mapping[str, Column] = MappingProxyType(
     {
         **dict.fromkeys(("x", "y"), Column("m", "pose", 1e8)),
@@ -67,6 +68,7 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(
         "battery": Column(
             "V", "battery", 1e5, message="sensor_msgs/msg/BatteryState", field="voltage"
         ),
+        **dict.fromkeys(MOTOR_COLUMNS[TORQUES], _TORQUE),
     }
 )
 """Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is
@@ -234,8 +236,13 @@ _NAMES: Mapping[str, str] = {
 }
 """By our name, what the names of such columns match, in lower case and with points for slashes."""
 _QUATERNION = r"(orientation|rotation|quat|quaternion)[._]{0}$|^q_rs_{0}(_?\[\])?$|^q[._]?{0}$"
-_WHEEL = re.compile(r"veloc|vel$|rate|speed|wheel|rad_s|enc|motor|^[frmb][lr]$|^[lr][frmb]$")
+_WHEEL = re.compile(
+    r"veloc|vel$|rate|speed|wheel|rad_s|enc|motor|effort|torque|^[frmb][lr]$|^[lr][frmb]$"
+)
 """Parts of the names of columns of wheels."""
+_NO_RATE = re.compile(r"pos|tick|angle|effort|torque|current")
+_NO_TORQUE = re.compile(r"^(?!.*(effort|torque))")
+"""What the names of other columns of wheels match."""
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
 _POSE = ("position.x", "position.y", "position.z")
 _TURN = tuple(f"orientation.{axis}" for axis in "xyzw")
@@ -297,14 +304,19 @@ def _clock_of_parts(header: Sequence[str], plain: Mapping[str, str]) -> dict[str
 
 
 def _wheels(header: Sequence[str], plain: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Return the rates of wheels by the sides that their names say; of both sides, or none."""
-    found = {}
-    for ours, side in zip(COMMAND_COLUMNS["wheels"], ("left", "right"), strict=True):
-        members = [n for n in header if side_of(_parted(n)) == side and _WHEEL.search(plain[n])]
-        rates = [n for n in members if not re.search(r"pos|tick|angle|effort|current", plain[n])]
-        if rates and ours not in header:
-            found[ours] = ("+".join(rates), "")
-    return found if len(found) == 2 else {}
+    """Return rates and torques of wheels by the sides that their names say; of both, or none."""
+    found = dict[str, tuple[str, str]]()
+    pairs = {COMMAND_COLUMNS["wheels"]: _NO_RATE, MOTOR_COLUMNS[TORQUES]: _NO_TORQUE}
+    for names, others in pairs.items():
+        own = {}
+        for ours, side in zip(names, WHEEL_SIDES, strict=True):
+            members = [n for n in header if side_of(_parted(n)) == side and _WHEEL.search(plain[n])]
+            kept = [n for n in members if not others.search(plain[n])]
+            if kept and ours not in header:
+                own[ours] = ("+".join(kept), "")
+        if len(own) == 2:
+            found |= own
+    return found
 
 
 def _plain(name: str) -> str:

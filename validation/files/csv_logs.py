@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ssmr.geometry import quat_wxyz_to_yaw
-from ssmr.types import FloatArray
+from ssmr.types import MOTOR_COLUMNS, TORQUES, FloatArray
 from validation.files.columns import (
     COLUMNS,
     COMMAND_COLUMNS,
@@ -469,8 +469,8 @@ def _in_our_unit(
 ) -> FloatArray:
     """Return the (M,) numbers of a column of ours from those of one or more of theirs.
 
-    Four are a quaternion, two of a time are seconds and nanoseconds, others are averaged. Positions
-    of wheels become rates. A ValueError says which units there are.
+    Four are a quaternion, two of a time are seconds and nanoseconds, torques of a side add up, and
+    others are averaged. Positions of wheels become rates. A ValueError says which units there are.
     """
     if name == "yaw" and len(parts) == 4:
         return quat_wxyz_to_yaw(np.column_stack([parts[3], *parts[:3]]))
@@ -478,7 +478,9 @@ def _in_our_unit(
         if len(parts) == 2:
             return parts[0] + 1e-9 * parts[1]
         return parts[0] * unit_factor("t", unit if unit in UNITS else "", None)
-    values = parts[0] if len(parts) == 1 else np.mean(parts, axis=0)
+    values = parts[0]
+    if len(parts) > 1:
+        values = np.sum(parts, axis=0) / (1 if name in MOTOR_COLUMNS[TORQUES] else len(parts))
     if unit not in UNITS and unit not in ("ticks", "rad") and name not in options.columns:
         return values  # a header may say anything in brackets
     if name in COMMAND_COLUMNS["wheels"] and unit in ("ticks", *POSITIONS):

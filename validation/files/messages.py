@@ -62,7 +62,7 @@ def _imu(m: Any) -> _Rows:
 
 def _joints(m: Any) -> _Rows:
     numbers = dict[str, float]()
-    for part in ("velocity", "position"):
+    for part in ("velocity", "position", "effort"):
         values = getattr(m, part)
         if len(values) == len(m.name):
             numbers |= {f"{n}.{part}": float(v) for n, v in zip(m.name, values, strict=True)}

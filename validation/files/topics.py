@@ -7,6 +7,7 @@ independent source. Transforms between frames are chained to such poses.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ssmr.geometry import compose
-from ssmr.types import FloatArray
+from ssmr.types import MOTOR_COLUMNS, TORQUES, FloatArray
 from validation.files.circular import circular
 from validation.files.columns import BESIDE_MOTION, POSE_COLUMNS, WHEEL_SIDES, side_of, trust_in
 from validation.files.log import Group, Log, Topic
@@ -37,6 +38,10 @@ _ODOMETRY = {"odom_v": "v", "odom_w": "w"}
 _BASE = re.compile(r"(^|[/_])base(_link|_footprint|$)|(^|/)chassis")
 _ROOT = re.compile(r"(^|/)(map|world|odom|earth|mocap)$")
 """Names of the frames of a robot, and of those in which it moves."""
+
+
+_EFFORT = ".effort"
+"""End of the names of joints' torques."""
 
 
 class Role(NamedTuple):
@@ -256,26 +261,35 @@ def _composed(above: Topic, below: Topic, name: str) -> Topic:
 
 # ------------------------------------------------------------------------------------------ wheels
 def wheels_of(topic: Topic, named: Mapping[str, tuple[str, str]]) -> Topic:
-    """Return joint states as the mean rate of the wheels of each side [rad/s].
+    """Return joint states as the mean rate of the wheels of each side [rad/s], and their torque.
+
+    The torque of a side is the sum of its wheels' efforts [N m], where these tell something.
 
     A joint's name says its side, or `named` does: `enc_left` and `enc_right`, each with the joints
     between plus signs. Casters and arms are left out. Without velocities, positions are
     differentiated. Where no joint has a side, the topic stays as it is, with a remark.
     """
     columns = topic.columns or {}
-    joints = dict.fromkeys(name.rpartition(".")[0] for name in columns)
+    moving = [name for name in columns if not name.endswith(_EFFORT)]
+    joints = dict.fromkeys(name.rpartition(".")[0] for name in moving)
     sides = {}
-    for side, column in zip(WHEEL_SIDES, ENCODERS, strict=True):
+    torques = {}
+    names = zip(WHEEL_SIDES, ENCODERS, MOTOR_COLUMNS[TORQUES], strict=True)
+    for side, column, torque in names:
         if column in named:
             members = named[column][0].split("+")
         else:
             members = [name for name in joints if side_of(name) == side]
             wheels = [name for name in members if "wheel" in name.lower()]
             members = wheels or members
-        rates = [_rate(topic, name) for name in members if name in joints]
-        if rates:
-            sides[column] = np.mean(rates, axis=0)
+        members = [name for name in members if name in joints]
+        if members:
+            sides[column] = np.mean([_rate(topic, name) for name in members], axis=0)
+            torques[torque] = sum(columns.get(name + _EFFORT, math.nan) for name in members)
     if len(sides) == 2:
+        # drivers that know none leave zeros or NaN
+        if all(np.ptp(each) > 0.0 for each in torques.values()):
+            sides |= torques
         return replace(topic, columns=sides)
     remark = (
         f"{topic.name}: no side shows in the names of the joints {quoted(joints)}; "

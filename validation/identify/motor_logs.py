@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ssmr.robot.vehicle import Vehicle
-from ssmr.types import CURRENTS, VOLTAGES, FloatArray, Trajectory
+from ssmr.types import CURRENTS, TORQUES, VOLTAGES, FloatArray, Trajectory
 from validation.files.formats import read_log
 from validation.files.log import Log
 from validation.output import Document
@@ -77,16 +77,19 @@ class DriveLog:
     t: FloatArray  # (M,) time [s]
     rates: FloatArray  # (2, M) wheel rates [rad/s]
     commands: FloatArray | None  # (2, M) commanded speed [m/s] and yaw rate [rad/s]
-    currents: FloatArray | None  # (2, M) currents [A]
+    currents: FloatArray | None  # (2, M) currents [A], or torques [N m]
     voltages: FloatArray | None  # (2, M) voltages [V]
     # whether the robot drove, as far as the log tells: it has a heading, or a gyro that shows
     # something
     on_ground: bool
+    unit: Literal["A", "N m"] = "A"  # that of the currents
 
     @property
     def signed(self) -> bool:
         """True if currents can be negative."""
-        return self.currents is not None and bool((self.currents < -0.5).mean() > 0.01)
+        if self.currents is None:
+            return False
+        return self.unit == "N m" or bool((self.currents < -0.5).mean() > 0.01)
 
     def divided(self) -> tuple[DriveLog, DriveLog]:
         """Return its first two thirds, to be fitted, and its last third, which judges."""
@@ -130,7 +133,10 @@ def drive_log(source: str | Log) -> DriveLog:
 
 
 def log_of_motions(name: str, motions: Sequence[Trajectory]) -> DriveLog | None:
-    """Return stretches of a recording as one log; None where they have no currents."""
+    """Return stretches of a recording as one log, with its torques or else its currents.
+
+    Where it has neither, it is None.
+    """
 
     def joined(channel: str) -> FloatArray | None:
         parts = [motion.channels.get(channel) for motion in motions]
@@ -139,9 +145,11 @@ def log_of_motions(name: str, motions: Sequence[Trajectory]) -> DriveLog | None:
 
     t = np.concatenate([motion.t for motion in motions])
     rates = np.concatenate([motion.wheels for motion in motions]).T
-    currents = joined(CURRENTS)
-    log = DriveLog(name, t, rates, None, currents, joined(VOLTAGES), on_ground=True)
-    return None if currents is None else log
+    log = DriveLog(name, t, rates, None, joined(CURRENTS), joined(VOLTAGES), on_ground=True)
+    torques = joined(TORQUES)
+    if torques is not None:
+        return replace(log, currents=torques, unit="N m")
+    return None if log.currents is None else log
 
 
 def require_currents(log: DriveLog) -> FloatArray:

@@ -199,6 +199,20 @@ class FitProblem:
         problem.base = longer
         return problem
 
+    def with_other_tyres(self) -> FitProblem | None:
+        """Return this problem with tyres of another shape, where that is guessed and moves torques.
+
+        None stands for problems without torques, for scenarios, and for a robot whose file says it.
+        """
+        is_known = "simulation.wheel_shape" in self.base.robot.given
+        if is_known or not (self.torques and self.robust and self.model == STANDARD):
+            return None
+        numbers = self.base.parameters
+        shape = "ellipsoid" if numbers.wheel_shape == "cylinder" else "cylinder"
+        problem = copy.copy(self)
+        problem.base = replace(self.base, parameters=replace(numbers, wheel_shape=shape))
+        return problem
+
     def candidate(self, point: FloatArray, tags: Tags = ()) -> PlantProfile | None:
         """Return the plant at an (n,) point of the unit cube; None where numbers are impossible.
 

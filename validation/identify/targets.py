@@ -14,7 +14,7 @@ import numpy as np
 
 from ssmr.metrics.declared import Metrics, compare_pieces
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import CommandKind, Plant, Trajectory
+from ssmr.types import TORQUES, CommandKind, Plant, Trajectory
 from validation.experiment.gyro import with_gyro
 from validation.experiment.runs import drive_source
 from validation.experiment.scores import Scores, score
@@ -34,7 +34,6 @@ from validation.files.log import PLAIN, ReadOptions
 from validation.files.reading import exists
 from validation.identify.objective import FitCost, torque_errors, true_motion
 from validation.output import file_name
-from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import plant_kind
 

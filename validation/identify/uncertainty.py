@@ -5,7 +5,8 @@ observation: the jackknife takes out each, by one step of Newton's method (M. Qu
 Tukey 1958). Nobody knows how long errors hang together, so blocks of twice, four times, ... the
 length are tried too, and the widest result counts. Where the data say nothing, what remains is what
 the bounds or the profile's prior say. A search that has not come to its end is uncertain besides by
-how far least squares would still go.
+how far least squares would still go. Where torques are compared, the shape of the tyres is a guess
+that counts too: lines push with some hundredths more than points of the same friction.
 
 A robot is not quite the same on two days. With four logs or more each number is drawn for each log
 around the robot's (random effects): its spread is what the logs' own numbers differ by beyond their
@@ -124,7 +125,14 @@ def estimate(
         )
     # a search that was stopped is off by the rest of its way
     rest = _still_to_go(point, with_prior, all_slopes, problem)
-    for off in (rest, _shift(point, problem)):
+    offs = [rest, _shift(point, problem)]
+    method = f"derivatives of least squares and the scatter of {blocks} blocks of time"
+    other = problem.with_other_tyres()
+    if other is not None:
+        change = other.residuals(point[None], workers)[0] / unit - with_prior
+        offs.append(_step_against(change, with_prior, all_slopes, problem))
+        method += ", and what tyres of another shape would change"
+    for off in offs:
         covariance += np.outer(off, off)
     spread: dict[str, float] = {}
     if problem.robust:
@@ -140,8 +148,7 @@ def estimate(
         np.where(finite[:, None], np.stack(list(map(problem.space.values, ends)), axis=1), np.nan),
         correlation,
         share,
-        f"derivatives of least squares and the scatter of {blocks} blocks of time, "
-        "limited by the bounds",
+        f"{method}, limited by the bounds",
         without=_without(point, with_prior, all_slopes, problem),
         spread=spread,
     )
@@ -190,6 +197,18 @@ def _still_to_go(
     step = np.zeros(len(point))
     step[inside] = _newton(free, stiffness, free.T @ pull)
     return np.clip(point + step, 0.0, 1.0) - point
+
+
+def _step_against(
+    change: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem
+) -> FloatArray:
+    """Return the (n,) step in the unit cube that makes up best for a (K,) change of the errors.
+
+    Each error counts as much as the loss lets it at the optimum.
+    """
+    weight = (1.0 + problem.robust * errors**2) ** -0.25
+    weighted = np.nan_to_num(slopes) * weight[:, None]
+    return np.asarray(-np.linalg.lstsq(weighted, weight * change)[0])
 
 
 def _without(
@@ -415,6 +434,7 @@ def sentences(problem: FitProblem, uncertainty: Uncertainty, point: FloatArray) 
                 "The path hardly tells friction: its standard error is "
                 f"{error:.2g}. The way a robot turns determines the ratio of its friction across "
                 "to that along, not the friction. The motors' torques tell it: compare those of "
-                "mujoco or four_wheel, or a log's currents, for which it needs --torque-constant."
+                "mujoco or four_wheel, or a log's (torque_left, torque_right, or currents, which "
+                "need --torque-constant)."
             )
     return out

@@ -14,7 +14,7 @@ from ssmr.metrics.bands import Band
 from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from ssmr.types import TORQUES, Commands, FloatArray, Plant, State, Trajectory
 from validation.output import Document
 from validation.simulator.description import Robot
 
@@ -27,8 +27,6 @@ Free = Mapping[Occasion, tuple[str, ...]]
 SEEN = ("tracked_x", "tracked_yaw", "position_late", "yaw_late")
 """Numbers of the localiser that a fit to a log has to find, whatever drives the plant."""
 
-TORQUES = "torque_N_m"
-"""Channel of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m]."""
 GROUND_TORQUES = "ground_torque_N_m"
 """Channel of a motion whose wheel rates are given: the (M, 2) torques on the ground [N m]."""
 CAUSES = (

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ssmr.geometry import integral
+from ssmr.geometry import integrate_rates
 from ssmr.metrics.windows import horizon_windows
 from ssmr.types import FloatArray, IndexArray
 from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
@@ -173,7 +173,7 @@ def table_floor(path: str) -> None:
         wheels = log.table(COMMAND_COLUMNS["wheels"])[stretch]
         gyro = log.columns["gyro_z"][stretch]
         pose = log.table(POSE_COLUMNS)[stretch]
-        turned = integral(t, gyro)
+        turned = integrate_rates(t, gyro)
         rolled = np.cumulative_sum(
             wheels[: len(t) - 1] * np.diff(t)[:, None], axis=0, include_initial=True
         )

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ssmr.geometry import integral, relative, rotate_body_to_world, wrap_angle
+from ssmr.geometry import integrate_rates, relative_pose, rotate_body_to_world, wrap_angle
 from ssmr.metrics.paired import chance_of_difference
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.types import FloatArray, IndexArray, Trajectory
@@ -54,8 +54,8 @@ def signed_errors(source: Source, poses: list[FloatArray], horizon: float) -> Fl
     for piece, pose in zip(source.pieces, poses, strict=True):
         assert piece.reference is not None
         starts, ends = moving_windows(piece, horizon)
-        true, made = (relative(p[starts], p[ends]) for p in (piece.reference.pose, pose))
-        error = relative(true, made)
+        true, made = (relative_pose(p[starts], p[ends]) for p in (piece.reference.pose, pose))
+        error = relative_pose(true, made)
         error[:, 2] = wrap_angle(error[:, 2])
         rows.append(error)
     return np.concatenate(rows)
@@ -80,7 +80,7 @@ def gyro_errors(source: Source) -> tuple[float, FloatArray]:
             assert piece.reference is not None
             starts, ends = moving_windows(piece, 6.0)
             t, rate = piece.t, piece.reference.twist[:, 2]  # the gyro's
-            heading = integral(t, rate)
+            heading = integrate_rates(t, rate)
             turned = np.interp(t[ends] - late, t, heading) - np.interp(t[starts] - late, t, heading)
             off.append(
                 np.abs(turned - (piece.reference.pose[ends, 2] - piece.reference.pose[starts, 2]))

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ssmr.geometry import integral
+from ssmr.geometry import integrate_rates
 from ssmr.metrics.windows import (
     OverlappingErrors,
     WindowErrors,
@@ -137,7 +137,7 @@ def turns_of(source: Source) -> Turns:
     for piece, (starts, ends) in zip(source.pieces, moving(source), strict=True):
         assert piece.t is not None
         assert piece.reference is not None
-        way = offset + integral(piece.t, piece.reference.wheels)
+        way = offset + integrate_rates(piece.t, piece.reference.wheels)
         t.append(piece.t)
         travel.append(way)
         offset = way[-1]

@@ -4,7 +4,7 @@ numba notices edits to the file of the compiled function alone, not to what that
 other files, and keeps the code of each place of a file apart. Here code is kept under a digest of
 what it is made of: the bytecode, constants and types of the function and of all that it calls. So
 an edit compiles what it touches, and copies of the sources share what they have in common. The
-compiled functions keep their Python source, see `source`.
+compiled functions keep their Python source, see `python_source`.
 
 numba unpickles what lies in its cache, and who can write there can run code as this user. So the
 cache is in the user's own cache folder. Where that cannot be written, every start compiles anew.
@@ -299,7 +299,7 @@ def share_among_threads(work: Callable[[int, int], object], count: int, workers:
         pool.shutdown(cancel_futures=True)
 
 
-def source(function: F) -> F:
+def python_source(function: F) -> F:
     """Return the Python function behind a compiled one, which works on whole arrays."""
     python: F = function.py_func  # type: ignore[attr-defined]  # numba's
     return python
@@ -362,7 +362,7 @@ def named_like(template: T, row: FloatArray) -> T:
 
 
 @built_in
-def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
+def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once in all loops where the processor can, else twice."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -376,7 +376,7 @@ def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
 
 
 @built_in
-def _bits(typing: Any, x: Any) -> Any:
+def _float_bits(typing: Any, x: Any) -> Any:
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], ir.IntType(64))
 
@@ -393,25 +393,25 @@ def sine_cosine(angle: float) -> tuple[float, float]:
     rounding away from the one given. Beyond 1e15 rad, where a rounding is as large as the angle's
     direction, they mean nothing.
     """
-    shifted = fused(angle, _PER_QUARTER, _SHIFT)
+    shifted = multiply_add(angle, _PER_QUARTER, _SHIFT)
     n = shifted - _SHIFT
-    r = fused(-n, _QUARTER, angle)
+    r = multiply_add(-n, _QUARTER, angle)
     z = r * r
     s = _SINE[5]
     c = _COSINE[5]
-    s = fused(s, z, _SINE[4])
-    c = fused(c, z, _COSINE[4])
-    s = fused(s, z, _SINE[3])
-    c = fused(c, z, _COSINE[3])
-    s = fused(s, z, _SINE[2])
-    c = fused(c, z, _COSINE[2])
-    s = fused(s, z, _SINE[1])
-    c = fused(c, z, _COSINE[1])
-    s = fused(s, z, _SINE[0])
-    c = fused(c, z, _COSINE[0])
-    s = fused(r * z, s, r)
-    c = fused(z * z, c, fused(-0.5, z, 1.0))
-    quadrant = _bits(shifted)
+    s = multiply_add(s, z, _SINE[4])
+    c = multiply_add(c, z, _COSINE[4])
+    s = multiply_add(s, z, _SINE[3])
+    c = multiply_add(c, z, _COSINE[3])
+    s = multiply_add(s, z, _SINE[2])
+    c = multiply_add(c, z, _COSINE[2])
+    s = multiply_add(s, z, _SINE[1])
+    c = multiply_add(c, z, _COSINE[1])
+    s = multiply_add(s, z, _SINE[0])
+    c = multiply_add(c, z, _COSINE[0])
+    s = multiply_add(r * z, s, r)
+    c = multiply_add(z * z, c, multiply_add(-0.5, z, 1.0))
+    quadrant = _float_bits(shifted)
     odd = (quadrant & 1) != 0
     sine = c if odd else s
     cosine = s if odd else c

@@ -36,7 +36,7 @@ def rotate_world_to_body(vector: ArrayLike, yaw: ArrayLike) -> FloatArray:
     return rotate_body_to_world(vector, -np.asarray(yaw, dtype=np.float64))
 
 
-def compose(pose_a_to_w: ArrayLike, pose_b_to_a: ArrayLike) -> FloatArray:
+def compose_poses(pose_a_to_w: ArrayLike, pose_b_to_a: ArrayLike) -> FloatArray:
     """Return the pose of b in w from the poses of a in w and of b in a, each (..., 3)."""
     a = np.asarray(pose_a_to_w, dtype=np.float64)
     b = np.asarray(pose_b_to_a, dtype=np.float64)
@@ -46,16 +46,16 @@ def compose(pose_a_to_w: ArrayLike, pose_b_to_a: ArrayLike) -> FloatArray:
     return np.concatenate([xy, yaw], axis=-1)
 
 
-def invert(pose_a_to_b: ArrayLike) -> FloatArray:
+def invert_pose(pose_a_to_b: ArrayLike) -> FloatArray:
     """Return the inverse of (..., 3) poses: composed with the pose it gives zero."""
     a = np.asarray(pose_a_to_b, dtype=np.float64)
     xy = -rotate_world_to_body(a[..., :2], a[..., 2])
     return np.concatenate([xy, -a[..., 2:]], axis=-1)
 
 
-def relative(pose_a_to_w: ArrayLike, pose_b_to_w: ArrayLike) -> FloatArray:
+def relative_pose(pose_a_to_w: ArrayLike, pose_b_to_w: ArrayLike) -> FloatArray:
     """Return the (..., 3) pose of b seen from a; the yaw difference is not wrapped."""
-    return compose(invert(pose_a_to_w), pose_b_to_w)
+    return compose_poses(invert_pose(pose_a_to_w), pose_b_to_w)
 
 
 def shift_reference(pose: ArrayLike, offset: ArrayLike) -> FloatArray:
@@ -74,7 +74,7 @@ def shift_state(state: State, offset: tuple[float, float]) -> State:
     return replace(state, x=float(x), y=float(y), yaw=float(yaw), v_x=v_x, v_y=v_y)
 
 
-def integral(t: ArrayLike, rate: ArrayLike) -> FloatArray:
+def integrate_rates(t: ArrayLike, rate: ArrayLike) -> FloatArray:
     """Return the (M, ...) integral of (M, ...) rates over (M,) instants [s], by trapezoids."""
     r = np.asarray(rate, dtype=np.float64)
     dt = np.diff(t).reshape(-1, *(1,) * (r.ndim - 1))

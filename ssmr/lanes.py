@@ -1,7 +1,7 @@
 """Many robots of one planar model at once, side by side in the lanes of vector instructions.
 
 A step of the time loop advances a group of robots by the functions that advance one robot,
-`drive_on` and `move`. The loop over the group is the inner one, and each quantity of all its robots
+`drive_on` and `move_robot`. The loop over the group is the inner one, and each quantity of all its robots
 lies in one row, so the compiler turns that loop into vector instructions, and the branches of a law
 into selections. No arithmetic is approximated or reordered for that: a robot's motion is that of
 `PlanarPlant.run` to the bit, whatever stands in the other lanes. A law that calls a function which
@@ -23,8 +23,8 @@ from ssmr._jit import (
     jit,
     jit_alone,
     numbers_as,
+    python_source,
     share_among_threads,
-    source,
     write_numbers,
 )
 from ssmr.models.law import PlanarRobot
@@ -37,10 +37,10 @@ from ssmr.robot.drive import (
     drive_numbers,
     drive_on,
     held_value,
-    rolling,
+    rolling_references,
     whole_steps,
 )
-from ssmr.simulation import PLANAR_DT, PlanarModel, move
+from ssmr.simulation import PLANAR_DT, PlanarModel, move_robot
 from ssmr.types import Commands, FloatArray, State
 
 LANES = 8
@@ -111,49 +111,49 @@ def _copy_numbers(typing: Any, target: Any, at: Any, origin: Any, first: Any, co
 
 
 @jit
-def _lane(template: T, rows: FloatArray, first: int, i: int) -> T:
+def _lane_of(template: T, rows: FloatArray, first: int, i: int) -> T:
     """Return a named tuple of the template's kind from lane i of the rows from `first` on."""
     place = i + first * LANES
     return numbers_as(template, rows, place, LANES)  # type: ignore[no-any-return]  # as _jit says
 
 
 @jit
-def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRobot:
+def _lane_robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRobot:
     """Return the robot of lane i; `kind` is any robot of the same model."""
     at = _ROBOT + len(kind.vehicle)
-    parameters = _lane(kind.parameters, rows, at, i)
+    parameters = _lane_of(kind.parameters, rows, at, i)
     at += len(kind.parameters)
-    motor = _lane(kind.motor, rows, at, i)
+    motor = _lane_of(kind.motor, rows, at, i)
     at += len(kind.motor)
     if plain is not None:
         motor = Motor(motor.limit, 0.0, 0.0, 0.0, 0.0, 0.0)
     return PlanarRobot(
-        vehicle=_lane(kind.vehicle, rows, _ROBOT, i),
+        vehicle=_lane_of(kind.vehicle, rows, _ROBOT, i),
         parameters=parameters,
         motor=motor,
         x_icr=rows[i + at * LANES],
         drift=rows[i + (at + 1) * LANES],
         ideal=rows[i + (at + 2) * LANES] != 0.0,
         dt=rows[i + (at + 3) * LANES],
-        constants=_lane(kind.constants, rows, at + 4, i),
+        constants=_lane_of(kind.constants, rows, at + 4, i),
     )
 
 
 @jit
-def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int) -> None:
+def _step_lane(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int) -> None:
     """Advance the robot of lane i by one step, see `_run_lanes`."""
-    last = _lane(_DRIVER, rows, _LAST, i)
+    last = _lane_of(_DRIVER, rows, _LAST, i)
     v = rows[i + _HELD * LANES]
     w = rows[i + (_HELD + 1) * LANES]
     held = DriveState(last.v, last.w, v, w)
     if prescribed is None:
-        drive = _lane(DRIVE_TEMPLATE, rows, _DRIVE, i)
+        drive = _lane_of(DRIVE_TEMPLATE, rows, _DRIVE, i)
         share = drive.share if plain is None else 1.0
         held = drive_on(v, w, drive, share, last)
-    now = _lane(_MOTION, rows, 0, i)
-    integral = _lane(_SIDES, rows, _INTEGRAL, i)
-    robot = _robot(kind, plain, rows, i)
-    then, integral = move(now, integral, Sides(held.left, held.right), 0.0, robot)
+    now = _lane_of(_MOTION, rows, 0, i)
+    integral = _lane_of(_SIDES, rows, _INTEGRAL, i)
+    robot = _lane_robot(kind, plain, rows, i)
+    then, integral = move_robot(now, integral, Sides(held.left, held.right), 0.0, robot)
     write_numbers(rows, i, LANES, (then.x, then.y, then.yaw, then.v))
     rows[i + _YAW_RATE * LANES] = then.w  # a step needs no more of a motion
     write_numbers(rows, i + _INTEGRAL * LANES, LANES, integral)
@@ -171,7 +171,7 @@ def _lay_out(held: FloatArray, places: NDArray[np.uint64], first: int, ahead: Fl
 
 
 @jit
-def _record(rows: FloatArray, sample: int, poses: FloatArray) -> None:
+def _record_poses(rows: FloatArray, sample: int, poses: FloatArray) -> None:
     """Write the poses of the group as one sample of each."""
     for i in range(len(poses)):
         for j in range(3):
@@ -209,14 +209,14 @@ def _run_lanes(
         if k < 0:
             continue
         if k == due:
-            _record(rows, sample, poses)
+            _record_poses(rows, sample, poses)
             sample += 1
             due += stride
         if k == steps:
             break
         _copy_numbers(rows, _HELD * LANES, ahead, k % (2 * _CHUNK) * _PAIR, _PAIR)
         for i in range(LANES):
-            _step(kind, plain, prescribed, rows, i)
+            _step_lane(kind, plain, prescribed, rows, i)
     for i in range(len(poses)):
         total = rows[i] + rows[i + LANES] + rows[i + 2 * LANES]
         if not np.isfinite(total):
@@ -305,11 +305,11 @@ def run_population(
 
 
 def _lane_numbers(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
-    """Return the numbers of one lane, as `_step` and `_robot` read them.
+    """Return the numbers of one lane, as `_step_lane` and `_lane_robot` read them.
 
     These are its state, the twist that its driver holds, its driver and its robot.
     """
-    held = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
+    held = python_source(rolling_references)(Sides(start.wheel_left, start.wheel_right), drive)
     centre = (robot.x_icr, robot.drift, float(robot.ideal), robot.dt)
     numbers = (*robot.vehicle, *robot.parameters, *robot.motor, *centre, *robot.constants)
     state = (*start.motion, *_SIDES, *held)

@@ -58,7 +58,7 @@ class Declaration:
 
     def check(self, name: str, value: float) -> None:
         """Raise a ParameterError that calls a value `name` if it lies outside its range."""
-        _require(name, value, self.low, self.high, self.open_low)
+        _require_in_bounds(name, value, self.low, self.high, self.open_low)
 
     def bounds(self, sizes: Mapping[str, float]) -> tuple[float, float] | None:
         """Return the default bounds of a search for a robot of these sizes, in the number's unit.
@@ -100,7 +100,7 @@ def parameter(
     return field(default=default, metadata=metadata)
 
 
-def declaration(of: Field[Any]) -> Declaration | None:
+def declaration_of(of: Field[Any]) -> Declaration | None:
     """Return what `parameter` declared at a dataclass field; None for any other field."""
     return of.metadata.get(_KEY)
 
@@ -108,7 +108,7 @@ def declaration(of: Field[Any]) -> Declaration | None:
 _declarations: dict[type, Mapping[str, Declaration]] = {}
 
 
-def described(kind: type) -> Mapping[str, Declaration]:
+def describe_parameters(kind: type) -> Mapping[str, Declaration]:
     """Return the declarations of a dataclass by name, in the order of its fields.
 
     Undeclared fields are left out.
@@ -127,7 +127,7 @@ def check_parameters(owner: object) -> None:
         ParameterError: a number lies outside its range, or is not a number; the message names the
             parameter and the range.
     """
-    for name, d in described(type(owner)).items():
+    for name, d in describe_parameters(type(owner)).items():
         d.check(f"{type(owner).__name__}.{name}", getattr(owner, name))
 
 
@@ -143,7 +143,7 @@ def require_in_range(
         ParameterError: the number lies outside the range, or is not a number; the message names the
             parameter and the range.
     """
-    _require(f"{type(owner).__name__}.{name}", getattr(owner, name), low, high, open_low)
+    _require_in_bounds(f"{type(owner).__name__}.{name}", getattr(owner, name), low, high, open_low)
 
 
 _LEAST = math.sqrt(sys.float_info.min)
@@ -151,7 +151,7 @@ _LEAST = math.sqrt(sys.float_info.min)
 left, or none, and is divided by."""
 
 
-def _require(name: str, value: float, low: float, high: float, open_low: bool) -> None:
+def _require_in_bounds(name: str, value: float, low: float, high: float, open_low: bool) -> None:
     if open_low and low == 0.0:
         low = _LEAST
     too_low = value <= low if open_low else value < low
@@ -197,13 +197,13 @@ def require_within(
             values = given
         for value in values:
             if isinstance(value, bool) or not isinstance(value, kind):
-                raise ValueError(f"{name} must be {kind_text}, got {_short(value)}")
+                raise ValueError(f"{name} must be {kind_text}, got {_short_text(value)}")
             if not low <= value <= high:
-                bounds = f"{_short(low)} and {_short(high)}"
-                raise ValueError(f"{name} must lie within {bounds}, got {_short(value)}")
+                bounds = f"{_short_text(low)} and {_short_text(high)}"
+                raise ValueError(f"{name} must lie within {bounds}, got {_short_text(value)}")
 
 
-def _short(value: object) -> str:
+def _short_text(value: object) -> str:
     """Return the text of a value in a message; that of a long whole number gives its size only."""
     if isinstance(value, int) and abs(value) > MOST_SEED:
         return f"one of {value.bit_length()} bits"
@@ -223,14 +223,14 @@ def numbers_of(kind: type) -> Any:
         # numba takes two named tuples of one name and the same fields for one type.
         _name_counts[kind.__name__] += 1
         name = f"{kind.__name__}{_name_counts[kind.__name__]}"
-        names = list(described(kind))
+        names = list(describe_parameters(kind))
         numbers = namedtuple(name, names, module=kind.__module__)  # type: ignore[misc]
         numbers.__qualname__ = f"{kind.__qualname__}.Numbers"
         kind.Numbers = numbers  # type: ignore[attr-defined]
     return vars(kind)["Numbers"]
 
 
-def packed(owner: Any) -> Any:
+def pack_numbers(owner: Any) -> Any:
     """Return a dataclass instance's declared numbers for compiled functions, by their names."""
     kind = numbers_of(type(owner))
     return kind._make([float(getattr(owner, name)) for name in kind._fields])

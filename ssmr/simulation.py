@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import fused, jit, jit_alone, sine_cosine, write_numbers
+from ssmr._jit import jit, jit_alone, multiply_add, sine_cosine, write_numbers
 from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PlanarRobot, advance, law_of
-from ssmr.parameters import packed
+from ssmr.parameters import pack_numbers
 from ssmr.robot.bodies import BodyPlant
 from ssmr.robot.drive import (
     Sides,
@@ -51,7 +51,7 @@ SAMPLE_DT = 0.008
 
 
 @jit
-def move(
+def move_robot(
     now: Motion, integral: Sides, wheels: Sides, disturbance: float, robot: PlanarRobot
 ) -> tuple[Motion, Sides]:
     """Return the motion and the integral parts of the motors' torques [N m] after a step.
@@ -64,12 +64,12 @@ def move(
     # Twice the velocities in the middle of the step; ideal wheels have the new ones from its start.
     v_twice = 2.0 * v if robot.ideal else now.v + v
     w_twice = 2.0 * w if robot.ideal else now.w + w
-    yaw_between = fused(0.5 * half, w_twice, now.yaw)
+    yaw_between = multiply_add(0.5 * half, w_twice, now.yaw)
     s, c = sine_cosine(yaw_between)
-    aside = fused(0.5 * robot.drift, v_twice, robot.x_icr) * w_twice
+    aside = multiply_add(0.5 * robot.drift, v_twice, robot.x_icr) * w_twice
     # Eq. 2.13
-    x_rate = fused(v_twice, c, aside * s)
-    y_rate = fused(v_twice, s, -aside * c)
+    x_rate = multiply_add(v_twice, c, aside * s)
+    y_rate = multiply_add(v_twice, s, -aside * c)
     if robot.motor.integral_gain > 0.0 and not robot.ideal:
         mean = side_rates(0.5 * v_twice, 0.5 * w_twice, robot.vehicle)
         left = advance_integral(integral.left, wheels.left - mean.left, robot.motor)
@@ -78,11 +78,11 @@ def move(
     # Eq. 2.9; ideal wheels turn as their references say
     rates = wheels if robot.ideal else side_rates(v, w, robot.vehicle)
     moved = Motion(
-        x=fused(half, x_rate, now.x),
-        y=fused(half, y_rate, now.y),
-        yaw=fused(half, w_twice, now.yaw),
+        x=multiply_add(half, x_rate, now.x),
+        y=multiply_add(half, y_rate, now.y),
+        yaw=multiply_add(half, w_twice, now.yaw),
         v=v,
-        v_y=sideways(v, w, robot.x_icr, robot.drift),
+        v_y=sideways_speed(v, w, robot.x_icr, robot.drift),
         w=w,
         left=rates.left,
         right=rates.right,
@@ -93,9 +93,9 @@ def move(
 
 
 @jit
-def sideways(v: float, w: float, x_icr: float, drift: float) -> float:
+def sideways_speed(v: float, w: float, x_icr: float, drift: float) -> float:
     """Return the body's speed to the left [m/s] at a forward speed and a yaw rate (Eq. 2.10)."""
-    ahead: float = fused(drift, v, x_icr)
+    ahead: float = multiply_add(drift, v, x_icr)
     return -ahead * w
 
 
@@ -137,7 +137,7 @@ def run_planar(
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
         w_before = now.w
         wheels = Sides(references[k, 0], references[k, 1])
-        now, integral = move(now, integral, wheels, push, robot)
+        now, integral = move_robot(now, integral, wheels, push, robot)
         if not math.isfinite(now.v + now.w):
             return k, (now, integral)
         turn = (now.w - w_before) / robot.dt
@@ -166,7 +166,7 @@ def start_of(
         state.y,
         state.yaw,
         state.v,
-        v_y=sideways(state.v, state.w, x_icr, drift),
+        v_y=sideways_speed(state.v, state.w, x_icr, drift),
         w=state.w,
         left=rates.left,
         right=rates.right,
@@ -177,9 +177,9 @@ def start_of(
 
 
 @lru_cache(maxsize=64)
-def _body(vehicle: Vehicle) -> Any:
+def _vehicle_body(vehicle: Vehicle) -> Any:
     """Return the `VehicleBody` of a vehicle; candidates of a fit often share theirs."""
-    return vehicle_body(packed(vehicle))
+    return vehicle_body(pack_numbers(vehicle))
 
 
 @dataclass(frozen=True)
@@ -201,8 +201,8 @@ class PlanarModel:
     def packed(self, dt: float) -> PlanarRobot:
         """Return the numbers for compiled functions and physics steps `dt` [s]."""
         law = law_of(self.parameters)
-        body = _body(self.vehicle)
-        parameters = packed(self.parameters)
+        body = _vehicle_body(self.vehicle)
+        parameters = pack_numbers(self.parameters)
         return PlanarRobot(
             vehicle=body,
             parameters=parameters,

@@ -10,7 +10,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from ssmr.geometry import relative, wrap_angle
+from ssmr.geometry import relative_pose, wrap_angle
 from ssmr.metrics.bands import Band, estimated_band, interval_score
 from ssmr.types import FloatArray, IndexArray
 
@@ -57,7 +57,7 @@ def disturbed(steps: FloatArray, band: Band, rng: np.random.Generator, n: int = 
 
 
 def errors(predicted: FloatArray, true: FloatArray, i: IndexArray, j: IndexArray) -> FloatArray:
-    error = relative(predicted[i], predicted[j]) - relative(true[i], true[j])
+    error = relative_pose(predicted[i], predicted[j]) - relative_pose(true[i], true[j])
     return np.column_stack([error[:, :2], wrap_angle(error[:, 2])])
 
 

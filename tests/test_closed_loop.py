@@ -22,7 +22,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import wrap_angle
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PLANAR_MODELS
-from ssmr.models.linear import LinearParameters, matrices
+from ssmr.models.linear import LinearParameters, state_space_matrices
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.sensors import SensorModel, SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -39,7 +39,10 @@ FRAME = 1e-11
 of damped ticks."""
 FEEDBACKS = ("truth", "noisy", "ekf")
 TORQUES = [LOG_COLUMNS.index("torque_left"), LOG_COLUMNS.index("torque_right")]
-A, B = (tuple(map(tuple, m.tolist())) for m in matrices(Vehicle(), LinearParameters(), Drive()))
+A, B = (
+    tuple(map(tuple, m.tolist()))
+    for m in state_space_matrices(Vehicle(), LinearParameters(), Drive())
+)
 TRUTH = LoopSettings(feedback="truth", disturbance=False)
 PROMPT = Drive(delay_v=0.0, delay_w=0.0)
 IDEAL = PlanarModel(KinematicParameters(), Vehicle(), PROMPT)

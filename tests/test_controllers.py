@@ -25,7 +25,7 @@ from ssmr.control.laws import (
     velocity_step,
 )
 from ssmr.control.waypoints import Errors, Target
-from ssmr.models.linear import LinearParameters, matrices
+from ssmr.models.linear import LinearParameters, state_space_matrices
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
 from tests.conftest import DERIVATIVE, ROUNDOFF
@@ -37,7 +37,7 @@ DT = 0.008
 REST = EMPTY_MEMORY
 STILL = Target(0.0, 0.0, 0.0, 0.0, 0.0, 0)
 NO_ERRORS = Errors(0.0, 0.0, 0.0)
-A, B = matrices(Vehicle(), LinearParameters(), Drive())
+A, B = state_space_matrices(Vehicle(), LinearParameters(), Drive())
 SCHEDULED = PLAIN_CONTROLLERS.index("lqr-scheduled")
 MODEL = tuple(map(tuple, A.tolist())), tuple(map(tuple, B.tolist()))
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.parameters import described
+from ssmr.parameters import describe_parameters
 from validation.files import csv_logs
 from validation.files.columns import COLUMNS, RECORDED, is_column_name
 from validation.files.csv_logs import read_csv, write_csv
@@ -233,7 +233,8 @@ def test_round_trip_is_bit_identical(
     written = Log.of_columns("drive.csv", {"t": t, **columns})
     write_csv(written, path)
     got = read_csv(
-        path, ReadOptions(limits=USUAL.changed(dict.fromkeys(described(LogLimits), math.inf)))
+        path,
+        ReadOptions(limits=USUAL.changed(dict.fromkeys(describe_parameters(LogLimits), math.inf))),
     )
     assert got.t.tobytes() == written.t.tobytes()
     assert {k: a.tobytes() for k, a in got.columns.items()} == {

@@ -17,7 +17,7 @@ from ssmr.robot.drivetrain import (
     _quasi_static_twist,
     battery_current,
     bridge_reading,
-    grip,
+    grip_share,
     side_forces,
 )
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -60,7 +60,7 @@ def balance(w: FloatArray, twist: FloatArray, scale: float) -> FloatArray:
             force = (
                 np.zeros(2)
                 if speed == 0.0
-                else 0.5 * grip(speed / (abs(rim) + CREEP), scale) * v / speed
+                else 0.5 * grip_share(speed / (abs(rim) + CREEP), scale) * v / speed
             )
             out += [force[0], force[1], (x * force[1] - y * force[0]) / HUSKY.half_track]
     return out
@@ -68,10 +68,10 @@ def balance(w: FloatArray, twist: FloatArray, scale: float) -> FloatArray:
 
 @given(slip=st.floats(0.0, 100.0), scale=scales)
 def test_grip_grows_from_nothing_to_the_limit(slip: float, scale: float) -> None:
-    assert grip(0.0, scale) == 0.0
-    assert 0.0 <= grip(slip, scale) <= 1.0
-    assert grip(2.0 * slip, scale) >= grip(slip, scale)
-    assert grip(scale, scale) == pytest.approx(1.0 - math.exp(-1.0), rel=ROUNDOFF)
+    assert grip_share(0.0, scale) == 0.0
+    assert 0.0 <= grip_share(slip, scale) <= 1.0
+    assert grip_share(2.0 * slip, scale) >= grip_share(slip, scale)
+    assert grip_share(scale, scale) == pytest.approx(1.0 - math.exp(-1.0), rel=ROUNDOFF)
 
 
 @given(w=rates, scale=scales)

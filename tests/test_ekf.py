@@ -10,11 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.estimation.ekf import _filter_log, filter_step, initial_belief, predict, run_ekf, update
+from ssmr.estimation.ekf import (
+    _filter_log,
+    filter_step,
+    initial_belief,
+    predict_belief,
+    run_ekf,
+    update_belief,
+)
 from ssmr.estimation.settings import Belief, EkfSettings
-from ssmr.parameters import packed
+from ssmr.parameters import pack_numbers
 from ssmr.robot.drive import Sides, wheel_rates
-from ssmr.robot.sensors import SensorLog, SensorModel, sense, simulate_sensors
+from ssmr.robot.sensors import SensorLog, SensorModel, sense_rates, simulate_sensors
 from ssmr.types import FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
@@ -168,9 +175,9 @@ def test_how_a_straight_way_is_cut_does_not_matter(
     process = EkfSettings(
         process_position=0.1, process_yaw=0.2, process_v=0.3, process_yaw_rate=0.4
     ).packed()
-    predict(whole, dt, process)
-    predict(parts, cut * dt, process)
-    predict(parts, dt - cut * dt, process)
+    predict_belief(whole, dt, process)
+    predict_belief(parts, cut * dt, process)
+    predict_belief(parts, dt - cut * dt, process)
     for one, two in zip(whole, parts, strict=True):
         # two steps of some forty operations
         assert np.allclose(one, two, rtol=ROUNDOFF, atol=10 * ROUNDOFF)
@@ -202,7 +209,7 @@ def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild:
 def test_a_sharp_measurement_of_a_wide_guess_leaves_a_positive_variance() -> None:
     """P R/S and not P - P P/S, of which 24 orders of magnitude below P nothing would be left."""
     mean, p = belief = Belief(np.zeros(5), 0.5e12 * (np.eye(5) + np.ones((5, 5))))
-    update(belief, 3, 1.0, 1e-12)
+    update_belief(belief, 3, 1.0, 1e-12)
     assert np.allclose(p[3], 1e-12 * np.array([0.5, 0.5, 0.5, 1.0, 0.5]), rtol=ROUNDOFF, atol=0.0)
     assert np.array_equal(p, p.T)
     assert mean[3] == 1.0
@@ -247,14 +254,14 @@ class Fleet:
                 truth = motion(truth.T, h).T + root * rng.standard_normal((self.RUNS, 5))
             sensed = truth[:, [3, 4, 4]] + np.sqrt(variances) * rng.standard_normal((self.RUNS, 3))
             for i, belief in enumerate(beliefs):
-                predict(belief, self.DT, s.packed())
+                predict_belief(belief, self.DT, s.packed())
                 for j, (state, value, r) in enumerate(
                     zip((3, 4, 4), sensed[i], variances, strict=True)
                 ):
                     self.nis[k, i, j] = (value - belief.mean[state]) ** 2 / (
                         belief.covariance[state, state] + r
                     )
-                    update(belief, state, value, r)
+                    update_belief(belief, state, value, r)
                 self.errors[k, i] = truth[i] - belief.mean
                 self.p[k, i] = belief.covariance
 
@@ -354,7 +361,7 @@ def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
         assert seen.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(variance / m))
     draws = np.random.default_rng(9).standard_normal((m, 3))
     seen = log.left[5], log.right[5], log.gyro[5]
-    sample = sense(0.0, Sides(3.0, 4.0), 0.7, tuple(draws[5]), packed(model))
+    sample = sense_rates(0.0, Sides(3.0, 4.0), 0.7, tuple(draws[5]), pack_numbers(model))
     assert sample[1:] == pytest.approx(seen, rel=ROUNDOFF)
     uneven = simulate_sensors(moving, np.random.default_rng(9), model, rate=130.0)
     assert np.all(np.isin(uneven.t, moving.t))

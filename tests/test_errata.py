@@ -130,12 +130,12 @@ def test_3_the_linear_gain_belongs_to_speeds_in_metres() -> None:
     p = LinearParameters()
     # [N m s/rad], beside 56.75 and 118.04
     assert p.gain * Vehicle().wheel_radius == pytest.approx(37.9, abs=0.1)
-    _, b = linear.matrices(Vehicle(), p, Drive())
+    _, b = linear.state_space_matrices(Vehicle(), p, Drive())
     assert b[1, 0] == pytest.approx(2 * p.gain / (Vehicle().wheel_radius * Vehicle().mass))
 
 
 def test_4_printed_a22_loses_a_third_of_the_speed() -> None:
-    a, b = linear.matrices(Vehicle(), LinearParameters(), Drive())
+    a, b = linear.state_space_matrices(Vehicle(), LinearParameters(), Drive())
     printed = -(a[1, 1] + b[1, 0]) / LOAD_SUM * Vehicle().mass
     assert b[1, 0] / (b[1, 0] + printed) == pytest.approx(0.656, abs=0.001)
 
@@ -180,7 +180,7 @@ def test_5_the_published_k_y_belongs_to_the_printed_lever() -> None:
     """
     vehicle = Vehicle()
     p = LinearParameters()
-    a, b = linear.matrices(vehicle, p, Drive())
+    a, b = linear.state_space_matrices(vehicle, p, Drive())
     printed = -b[3, 1] / a[3, 3]
     loop = b[3, 1]
     physical = loop / (
@@ -197,7 +197,7 @@ def test_6_the_second_c_of_the_yaw_equation_is_a_misprint() -> None:
 
     The published steady yaw gain needs one c (with two it would be 0.907).
     """
-    a, b = linear.matrices(Vehicle(), LinearParameters(), Drive())
+    a, b = linear.state_space_matrices(Vehicle(), LinearParameters(), Drive())
     friction = -a[3, 3] - b[3, 1]
     assert b[3, 1] / (b[3, 1] + friction) > 0.97
     assert 0.275 * b[3, 1] / (0.275 * b[3, 1] + friction) == pytest.approx(0.908, abs=0.002)
@@ -357,7 +357,7 @@ def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
     }
     robot = PlanarModel(LinearParameters(), Vehicle(), Drive())
     seen = LoopSettings("truth", disturbance=False)
-    model = linear.matrices(robot.vehicle, LinearParameters(), robot.drive)
+    model = linear.state_space_matrices(robot.vehicle, LinearParameters(), robot.drive)
     start = State(y=1e-3, v_x=0.5, wheel_left=0.5 / 0.1651, wheel_right=0.5 / 0.1651)
     for name, (bound, row, column) in bounds.items():
         gains = printed_table("4.4")["rows"][row]

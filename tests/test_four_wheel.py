@@ -26,7 +26,7 @@ from ssmr.models.friction import (
     AlongAcross,
     Tyre,
     _bent_share,
-    bend,
+    bend_brushes,
     felt_slip,
     steady_bend,
     tyre_force,
@@ -124,7 +124,7 @@ def test_in_steady_rolling_slip_is_sliding_over_rolling_speed(
     sliding = AlongAcross(0.01 * x * rolling, 0.01 * y * rolling)
     slip = AlongAcross(0.0, 0.0)
     for _ in range(200):
-        slip = bend(slip, sliding, rolling, 0.1 * tyre.relaxation / rolling, tyre)
+        slip = bend_brushes(slip, sliding, rolling, 0.1 * tyre.relaxation / rolling, tyre)
     # e^-20 is left
     assert felt_slip(slip, sliding, rolling, tyre) == pytest.approx((0.01 * x, 0.01 * y), abs=1e-10)
     assert steady_bend(sliding, rolling, tyre) == pytest.approx(tuple(slip), abs=1e-10)
@@ -134,7 +134,7 @@ def test_a_force_builds_up_over_the_relaxation_length() -> None:
     tyre = EIGHT_TIMES_G._replace(damping=0.0)
     slip = AlongAcross(0.0, 0.0)
     for _ in range(7):
-        slip = bend(slip, AlongAcross(0.0, 0.005), 0.5, tyre.relaxation / 0.5 / 7.0, tyre)
+        slip = bend_brushes(slip, AlongAcross(0.0, 0.005), 0.5, tyre.relaxation / 0.5 / 7.0, tyre)
     assert slip.y == pytest.approx(0.01 * (1.0 - math.exp(-1.0)), rel=ROUNDOFF)
 
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from ssmr.models.friction import (
     improved_friction,
-    sign,
+    sign_of,
     stop_at_zero_crossing,
 )
-from ssmr.models.linear import LinearParameters, matrices
+from ssmr.models.linear import LinearParameters, state_space_matrices
 from ssmr.robot.vehicle import Drive, Vehicle
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
@@ -79,7 +79,7 @@ def test_the_arctangent_is_odd_and_tends_to_coulomb(
     """By arctan(z) = pi/2 - arctan(1/z), a share of at most 2/(pi k_s v) is missing (Eq. 2.34)."""
     force = arctangent_friction(mu, load, v, k)
     assert force == -arctangent_friction(mu, load, -v, k)
-    missing = 1.0 - force / (mu * load * sign(v))
+    missing = 1.0 - force / (mu * load * sign_of(v))
     assert -ROUNDOFF <= missing <= 2.0 / (math.pi * k * v) + ROUNDOFF
 
 
@@ -107,8 +107,8 @@ def test_the_line_of_the_arctangent_is_the_friction_of_the_linear_model(
     k_u = viscous_coefficient(u_x, k_sx)
     k_y = viscous_coefficient(mu_c, k_sy) * lever**2 / vehicle.half_track
     free = LinearParameters(k_u=0.0, k_y=0.0)
-    a_free = matrices(vehicle, free, Drive())[0]
-    a_friction = matrices(vehicle, replace(free, k_u=k_u, k_y=k_y), Drive())[0] - a_free
+    a_free = state_space_matrices(vehicle, free, Drive())[0]
+    a_friction = state_space_matrices(vehicle, replace(free, k_u=k_u, k_y=k_y), Drive())[0] - a_free
     step = 1e-5
     slope_v = (slowing(step / k_sx) - slowing(-step / k_sx)) / (2.0 * step / k_sx)
     slope_w = (turning_less(step / k_sy) - turning_less(-step / k_sy)) / (2.0 * step / k_sy)

@@ -24,8 +24,8 @@ from ssmr.search.jde import (
     _distinct_partners,
     _mutate_population,
     _repair_donors,
-    adapt,
-    replaces,
+    adapt_settings,
+    trial_replaces_parent,
 )
 from ssmr.search.space import Parameter, ParameterSpace
 from ssmr.types import FloatArray
@@ -79,7 +79,7 @@ def test_f_is_drawn_anew_descends_or_stays_at_its_least() -> None:
     """At generation 151 of 300 the descent is 0.2 * 150 / 300 = 0.1."""
     f = np.array([0.75, 0.75, 0.75, 0.105])
     draws = np.array([[0.0, 0.0999, 0.1, 0.5], [0.0, 0.5, 0.5, 0.5]])
-    adapted = adapt(f, draws, (0.1, 0.9), 0.2 * (151 - 1) / 300)
+    adapted = adapt_settings(f, draws, (0.1, 0.9), 0.2 * (151 - 1) / 300)
     assert adapted == pytest.approx([0.1, 0.5, 0.675, 0.1], rel=ROUNDOFF)
 
 
@@ -125,7 +125,7 @@ def test_binomial_crossover_by_hand() -> None:
 def test_selection_by_hand() -> None:
     parents = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, np.inf, np.inf, np.inf])
     trials = np.array([0.5, 1.0, 1.5, np.nan, np.inf, -np.inf, 5.0, np.inf, np.nan])
-    assert np.flatnonzero(replaces(trials, parents)).tolist() == [0, 1, 6]
+    assert np.flatnonzero(trial_replaces_parent(trials, parents)).tolist() == [0, 1, 6]
 
 
 # --- distinct indices

@@ -18,7 +18,7 @@ from ssmr import lanes
 from ssmr._jit import jit, sine_cosine
 from ssmr.lanes import LANES, run_population
 from ssmr.models.law import PLANAR_MODELS, Advanced, PlanarLaw, PlanarRobot, planar_law
-from ssmr.parameters import described, parameter
+from ssmr.parameters import describe_parameters, parameter
 from ssmr.robot.drive import Sides, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
@@ -65,7 +65,10 @@ def candidates(kind: type, count: int, special: dict[str, float]) -> list[Planar
     rng = np.random.default_rng(3)
     rows = []
     for _ in range(count):
-        own = {n: (getattr(kind(), n) or 0.05) * rng.uniform(0.9, 1.1) for n in described(kind)}
+        own = {
+            n: (getattr(kind(), n) or 0.05) * rng.uniform(0.9, 1.1)
+            for n in describe_parameters(kind)
+        }
         vehicle = Vehicle(
             mass=rng.uniform(60, 90),
             effective_half_track=rng.uniform(0.3, 0.5),

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.friction import AlongAcross, Tyre, felt_slip, steady_bend
 from ssmr.models.improved import ImprovedParameters
-from ssmr.models.linear import LinearParameters, coefficients
-from ssmr.parameters import packed
+from ssmr.models.linear import LinearParameters, rate_coefficients
+from ssmr.parameters import pack_numbers
 from ssmr.robot.ground import LoadModel
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.simulation import PlanarModel, PlanarPlant
@@ -81,7 +81,9 @@ def fast(name: str, lab: Profile) -> tuple[Trajectory, float]:
     weight = 73.3 * 9.81
     if name == "linear":
         vehicle = Vehicle()
-        slowing = coefficients(vehicle_body(packed(vehicle)), packed(parameters))[1]
+        slowing = rate_coefficients(vehicle_body(pack_numbers(vehicle)), pack_numbers(parameters))[
+            1
+        ]
         resistance = slowing * vehicle.mass
     elif name == "improved":
         parameters = replace(parameters, u_x=ROLLING)
@@ -119,7 +121,9 @@ def test_the_linear_model_at_its_motors_limit_is_stepped_exactly(dt: float) -> N
     drive = replace(FREE, torque_limit=2.0)
     plant = PlanarPlant(PlanarModel(LinearParameters(), VEHICLE, drive), dt)
     motion = plant.run(Commands(0.05, np.tile([50.0, 0.0], (20, 1))), State(), 0.05)
-    slowing = coefficients(vehicle_body(packed(VEHICLE)), packed(LinearParameters()))[1]
+    slowing = rate_coefficients(
+        vehicle_body(pack_numbers(VEHICLE)), pack_numbers(LinearParameters())
+    )[1]
     thrust = 2.0 * 2.0 * 2.0 / VEHICLE.wheel_radius
     t = motion.t
     wanted = thrust / (slowing * VEHICLE.mass) * -np.expm1(-slowing * t)

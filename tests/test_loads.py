@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.parameters import packed
+from ssmr.parameters import pack_numbers
 from ssmr.robot.ground import LoadModel
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
@@ -54,7 +54,7 @@ def loads(
 def test_at_rest_it_is_the_static_share_of_the_thesis() -> None:
     for a, b in ((0.256, 0.256), (0.2, 0.312)):
         vehicle = Vehicle(a=a, b=b)
-        static = vehicle_body(packed(vehicle))
+        static = vehicle_body(pack_numbers(vehicle))
         # front axle b ahead of the centre of gravity: that lies so far ahead of the middle
         com = 0.5 * (a + b) - b
         model = LoadModel(vehicle.mass, com, 0.0, 0.19, a + b, 0.55)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.parameters import described
+from ssmr.parameters import describe_parameters
 from tests import bag_factory as make
 from tests.bag_factory import poses_at, write
 from tests.conftest import exit_status
@@ -206,7 +206,7 @@ def test_every_limit_is_documented_with_its_default() -> None:
     documented = {name: (float(value.replace(" ", "")), unit.strip()) for name, value, unit in rows}
     declared = {
         name: (d.default, "" if d.unit == "1" else d.unit)
-        for name, d in described(LogLimits).items()
+        for name, d in describe_parameters(LogLimits).items()
     }
     assert documented == declared
-    assert all(math.isfinite(d.default) for d in described(LogLimits).values())
+    assert all(math.isfinite(d.default) for d in describe_parameters(LogLimits).values())

@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import directed_hausdorff
 
-from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
+from ssmr.geometry import compose_poses, wrap_angle, yaw_to_quat_wxyz
 from ssmr.metrics.declared import (
     _PATH_METRICS,
     SIGNALS,
@@ -112,7 +112,7 @@ def trajectory(t: FloatArray, pose: FloatArray) -> Trajectory:
 
 def moved(path: Trajectory, pose: tuple[float, float, float]) -> Trajectory:
     """The same motion seen from another world frame."""
-    return trajectory(path.t, compose(np.array(pose), path.pose))
+    return trajectory(path.t, compose_poses(np.array(pose), path.pose))
 
 
 def circle(radius: float, length: float, step: float) -> FloatArray:

@@ -17,7 +17,7 @@ from ssmr.geometry import rotate_body_to_world
 from ssmr.lanes import run_population
 from ssmr.models import coulomb, kinematic, linear
 from ssmr.models.coulomb import CoulombParameters
-from ssmr.models.improved import ImprovedParameters, _break_away, slide
+from ssmr.models.improved import ImprovedParameters, _break_away, slide_step
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
 from ssmr.robot.drive import Sides
@@ -89,8 +89,8 @@ def test_coulomb_accelerations_follow_from_the_lagrangian(
 ) -> None:
     p = CoulombParameters(u_x=0.07, mu_c=0.3, gain=60.0)
     robot = PlanarModel(p, SKEWED, Drive()).packed(0.001)
-    resist = coulomb.resistance(v, w, robot)
-    dv, dw, torques = coulomb.accelerations(v, w, Sides(*ref), Sides(0.0, 0.0), resist, robot)
+    resist = coulomb.resisting_loads(v, w, robot)
+    dv, dw, torques = coulomb.body_accelerations(v, w, Sides(*ref), Sides(0.0, 0.0), resist, robot)
     assert np.allclose([dv, dw], lagrange(v, w, yaw, torques, p, SKEWED), rtol=1e-11, atol=1e-10)
 
 
@@ -101,7 +101,7 @@ def test_the_simplifications_of_2_2_3_are_a_case_of_coulomb(v: float, w: float) 
     R_x is u_x m g if both sides roll forward.
     """
     robot = PlanarModel(CoulombParameters(u_x=0.1, mu_c=0.2), VEHICLE, LOOSE).packed(0.001)
-    force, moment = coulomb.resistance(v, w, robot)
+    force, moment = coulomb.resisting_loads(v, w, robot)
     load = VEHICLE.mass * VEHICLE.gravity
     skid = 0.2 * load * VEHICLE.a * np.sign(w)
     sides = np.sign([v - VEHICLE.half_track * w, v + VEHICLE.half_track * w])
@@ -199,9 +199,9 @@ def test_a_step_of_a_constant_force_is_two_half_steps(
     """Wherever the velocity reaches zero, and whether or not friction at rest then holds it."""
     dry = (dynamic + more, dynamic)
     gain = 0.02
-    once = slide(v, active, active, gain, *dry)
-    half = slide(v, active, active, 0.5 * gain, *dry)
-    twice = slide(half, active, active, 0.5 * gain, *dry)
+    once = slide_step(v, active, active, gain, *dry)
+    half = slide_step(v, active, active, 0.5 * gain, *dry)
+    twice = slide_step(half, active, active, 0.5 * gain, *dry)
     assert twice == pytest.approx(once, rel=SYMMETRY, abs=SYMMETRY)
     if v != 0.0 and once * v <= 0.0 and abs(active) <= dry[0]:
         assert once == EXACT
@@ -218,7 +218,7 @@ def test_what_breaks_away_within_a_step_does_so_in_two_half_steps(
     once = _break_away(start, end, gain, *dry)
     twice = _break_away(start, middle, 0.5 * gain, *dry)
     if abs(middle) > 1.0:
-        twice = slide(twice, middle, end, 0.5 * gain, *dry)
+        twice = slide_step(twice, middle, end, 0.5 * gain, *dry)
     else:
         twice = _break_away(middle, end, 0.5 * gain, *dry)
     assert twice == pytest.approx(once, rel=SYMMETRY, abs=SYMMETRY)
@@ -267,7 +267,9 @@ def test_linear_equals_python_control() -> None:
     commands = Commands(0.05, np.column_stack([rng.uniform(-1, 1, 60), rng.uniform(-2, 2, 60)]))
     motion = PlanarPlant(PlanarModel(p, VEHICLE, drive)).run(commands, State(), 0.001)
     system = control.sample_system(
-        control.ss(*linear.matrices(VEHICLE, p, drive), np.eye(4), np.zeros((4, 2))), 0.001, "zoh"
+        control.ss(*linear.state_space_matrices(VEHICLE, p, drive), np.eye(4), np.zeros((4, 2))),
+        0.001,
+        "zoh",
     )
     held = np.repeat(commands.values, 50, axis=0)
     response = control.forced_response(system, inputs=np.vstack([held, held[-1:]]).T)

@@ -15,7 +15,7 @@ import pytest
 from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.linear import LinearParameters
-from ssmr.parameters import packed
+from ssmr.parameters import pack_numbers
 from ssmr.robot.drive import (
     Motor,
     Sides,
@@ -23,10 +23,10 @@ from ssmr.robot.drive import (
     motor_numbers,
     motor_torques,
     side_rates,
-    thrusts,
+    side_thrusts,
 )
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.simulation import PlanarModel, PlanarPlant, _planar_start, move
+from ssmr.simulation import PlanarModel, PlanarPlant, _planar_start, move_robot
 from ssmr.types import Commands, State
 from tests.robots import husky
 from validation.simulator.calibration import Calibration
@@ -101,10 +101,10 @@ def test_the_integral_part_leaks_to_its_stiffness_and_is_stepped_exactly() -> No
 @pytest.mark.parametrize("difference", [-0.01, 0.0, 0.008])
 def test_thrust_and_rates_have_one_power(difference: float) -> None:
     """Torque times wheel rate is thrust times ground speed on each side, for any radii."""
-    vehicle = vehicle_body(packed(Vehicle(radius_difference=difference)))
+    vehicle = vehicle_body(pack_numbers(Vehicle(radius_difference=difference)))
     rates = side_rates(0.4, 0.3, vehicle)
     torque = Sides(7.0, -3.0)
-    thrust = thrusts(torque, rates, vehicle, motor_numbers(Drive(), 0.001))
+    thrust = side_thrusts(torque, rates, vehicle, motor_numbers(Drive(), 0.001))
     speeds = 0.4 - vehicle.effective_half_track * 0.3, 0.4 + vehicle.effective_half_track * 0.3
     assert np.multiply(torque, rates) == pytest.approx(np.multiply(thrust, speeds))
 
@@ -119,7 +119,7 @@ def test_the_torque_that_is_reported_is_the_one_that_moves_the_robot(
     dt = 1e-6
     robot = PlanarModel(parameters, vehicle, Drive(torque_limit=limit)).packed(dt)
     start = _planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
-    now, _ = move(*start, Sides(2.5, 3.5), 0.0, robot)
+    now, _ = move_robot(*start, Sides(2.5, 3.5), 0.0, robot)
     left = now.torque_left / robot.vehicle.radius_left
     right = now.torque_right / robot.vehicle.radius_right
     assert (limit == 3.0) == (abs(now.torque_right) == 6.0)
@@ -138,7 +138,7 @@ def test_the_linear_model_is_stepped_exactly_with_unlike_radii_too() -> None:
         robot = model.packed(dt)
         now, integral = _planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
         for _ in range(round(0.1 / dt)):
-            now, integral = move(now, integral, Sides(2.5, 3.5), 0.2, robot)
+            now, integral = move_robot(now, integral, Sides(2.5, 3.5), 0.2, robot)
         ends.append((now.v, now.w))
     assert ends[0] == pytest.approx(ends[1], rel=1e-10)
 
@@ -150,7 +150,7 @@ def test_the_integral_part_takes_the_droop_out_of_every_planar_model(parameters:
     motion = PlanarPlant(PlanarModel(parameters, Vehicle(), drive)).run(
         Commands(0.05, np.tile([0.5, 0.3], (400, 1))), State(), 0.05
     )
-    commanded = side_rates(0.5, 0.3, vehicle_body(packed(Vehicle())))
+    commanded = side_rates(0.5, 0.3, vehicle_body(pack_numbers(Vehicle())))
     assert np.array(commanded) - motion.wheels[-1] == pytest.approx(
         np.full(2, 4.0 / (60.0 + 1900.0)), rel=1e-3
     )

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, corrected
+from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, correct_by_holm
 from ssmr.metrics.windows import WindowErrors
 from ssmr.types import FloatArray
 from tests.test_windows import moving_sums
@@ -63,6 +63,6 @@ def test_of_many_pairs_none_is_told_apart_by_their_number() -> None:
 
 
 def test_holms_rule() -> None:
-    assert corrected([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert corrected([0.6, 0.9]) == pytest.approx([1.0, 1.0])
-    assert len(corrected([])) == 0
+    assert correct_by_holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert correct_by_holm([0.6, 0.9]) == pytest.approx([1.0, 1.0])
+    assert len(correct_by_holm([])) == 0

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.law import PLANAR_MODELS, planar_law
-from ssmr.parameters import check_parameters, described, packed, parameter
+from ssmr.parameters import check_parameters, describe_parameters, pack_numbers, parameter
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from tests.robots import HUSKY
 from validation.simulator.calibration import Calibration
@@ -40,10 +40,10 @@ class Tyre:
 
 
 def test_what_is_declared_is_described() -> None:
-    grip, load = described(Tyre).values()
+    grip, load = describe_parameters(Tyre).values()
     assert (grip.name, grip.unit, grip.search, grip.scale) == ("grip", "1", (0.1, 1.0), "linear")
     assert (load.low, load.high, load.search) == (0.0, float("inf"), None)
-    assert packed(Tyre(1, 2))._asdict() == {"grip": 1.0, "load": 2.0}
+    assert pack_numbers(Tyre(1, 2))._asdict() == {"grip": 1.0, "load": 2.0}
 
 
 @pytest.mark.parametrize(
@@ -57,18 +57,18 @@ def test_numbers_outside_their_range_are_refused_by_name(changed: dict[str, floa
 
 @given(size=st.floats(1e-323, 1e-155))
 def test_a_size_whose_square_is_no_number_to_divide_by_is_refused(size: float) -> None:
-    for name, declared in described(Vehicle).items():
+    for name, declared in describe_parameters(Vehicle).items():
         if declared.open_low:
             with pytest.raises(ValueError, match=rf"{name} = .* lies outside"):
                 Vehicle(**{name: size})
-    assert math.isfinite(vehicle_body(packed(Vehicle(wheel_radius=1e-150))).per_moved)
+    assert math.isfinite(vehicle_body(pack_numbers(Vehicle(wheel_radius=1e-150))).per_moved)
 
 
 @pytest.mark.parametrize("kind", SETS)
 def test_every_number_is_declared_within_its_range(kind: type) -> None:
     numbers = {f.name for f in fields(kind) if f.type == "float"}
-    assert numbers == set(described(kind))
-    for declared in described(kind).values():
+    assert numbers == set(describe_parameters(kind))
+    for declared in describe_parameters(kind).values():
         assert declared.default is None or declared.low <= declared.default <= declared.high
         bounds = declared.bounds(HUSKY.sizes)
         assert bounds is None or declared.low <= bounds[0] < bounds[1] <= declared.high

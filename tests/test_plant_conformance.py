@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ssmr.control.loop import POSITION_PERIOD
-from ssmr.geometry import compose
+from ssmr.geometry import compose_poses
 from ssmr.robot.drive import wheel_rates, wheel_references, whole_steps
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, Plant, State, Trajectory
@@ -112,7 +112,7 @@ def test_the_world_frame_does_not_matter(
     plant = make_exact()
     here = plant.run(WEAVE, State(), 0.01)
     there = plant.run(WEAVE, State(*frame), 0.01)
-    assert np.abs(compose(np.array(frame), here.pose) - there.pose).max() <= symmetry(plant)
+    assert np.abs(compose_poses(np.array(frame), here.pose) - there.pose).max() <= symmetry(plant)
     assert np.abs(here.twist - there.twist).max() <= symmetry(plant)
 
 

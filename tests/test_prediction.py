@@ -27,8 +27,8 @@ from ssmr.control.predictor import DriverEstimate
 from ssmr.control.references import line, sine
 from ssmr.control.tick import LOG_COLUMNS
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Waypoints, position_errors
-from ssmr.models.linear import LinearParameters, matrices
-from ssmr.parameters import packed
+from ssmr.models.linear import LinearParameters, state_space_matrices
+from ssmr.parameters import pack_numbers
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, State
@@ -42,7 +42,10 @@ from validation.plants.profile import load_profile
 TRUTH = LoopSettings("truth", disturbance=False)
 STRONG = Drive(delay_v=0.2, delay_w=0.2, torque_limit=1e3)
 """A driver with dead time whose motors keep the robot linear."""
-A, B = (tuple(map(tuple, m.tolist())) for m in matrices(Vehicle(), LinearParameters(), STRONG))
+A, B = (
+    tuple(map(tuple, m.tolist()))
+    for m in state_space_matrices(Vehicle(), LinearParameters(), STRONG)
+)
 WEAVE = sine(0.5, 0.3, 2.0, 1.5)
 COMMANDS = [LOG_COLUMNS.index(name) for name in ("u_ref", "w_ref", "dead_time_learnt")]
 """Columns of the speeds that a controller asks for. One without a position loop has its command
@@ -178,7 +181,7 @@ def test_it_learns_how_fast_the_robot_really_is() -> None:
         LinearParameters(), replace(Vehicle(), effective_half_track=0.275 * 4 / 3), STRONG
     )
     run = drive(wide, spy, WEAVE)
-    rate_of = matrices(wide.vehicle, LinearParameters(), STRONG)
+    rate_of = state_space_matrices(wide.vehicle, LinearParameters(), STRONG)
     expected = (rate_of[1][3, 1] / rate_of[0][3, 3]) / (B[3][1] / A[3][3])
     assert expected < 0.8
     assert seen[-1].driver.gain_w == pytest.approx(expected, abs=0.02)
@@ -398,7 +401,7 @@ def test_the_program_has_the_gradient_of_the_cost() -> None:
     wanted = rng.uniform(0.0, 0.5, (7, 2))
     last = np.array([0.4, 0.1])
     h, f = _condense_plan(
-        _planned_motion(*start, plan, model), plan, aims, wanted, last, packed(gains)
+        _planned_motion(*start, plan, model), plan, aims, wanted, last, pack_numbers(gains)
     )
     np.testing.assert_allclose(h, h.T)
     assert np.linalg.eigvalsh(h).min() > 0.0
@@ -441,7 +444,9 @@ def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
         p = a.T @ inside @ (a - b @ gain)
     off = 0.05 * np.array([0.002, -0.003, 0.004, 0.01, -0.02, 0.005, 0.01])
     driven = _planned_motion(*start_of(level + off), plan, model_of(8))
-    h, f = _condense_plan(driven, plan, aims, np.vstack([steady, plan]), steady, packed(gains))
+    h, f = _condense_plan(
+        driven, plan, aims, np.vstack([steady, plan]), steady, pack_numbers(gains)
+    )
     first = np.linalg.solve(h, -f)[:2]
     # the plan is linearised where it starts
     np.testing.assert_allclose(first - steady, -gain @ off, rtol=0.005, atol=1e-6)

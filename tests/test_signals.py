@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.geometry import integral
+from ssmr.geometry import integrate_rates
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from validation.files.log import Group, Log
@@ -35,10 +35,10 @@ def signals(repeats: int = 1) -> Signals:
     Each sample is logged `repeats` times, and the sides of the wheels are measured in turn.
     """
     fine = np.linspace(0.0, SECONDS, 60_001)
-    heading = integral(fine, yaw_rate(fine))
+    heading = integrate_rates(fine, yaw_rate(fine))
     path = {
-        "x": integral(fine, speed(fine) * np.cos(heading)),
-        "y": integral(fine, speed(fine) * np.sin(heading)),
+        "x": integrate_rates(fine, speed(fine) * np.cos(heading)),
+        "y": integrate_rates(fine, speed(fine) * np.sin(heading)),
         "yaw": heading,
     }
     groups = {}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mujoco import rollout
 
-from ssmr.geometry import compose
+from ssmr.geometry import compose_poses
 from ssmr.robot.drive import wheel_references
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
@@ -91,7 +91,7 @@ def test_left_and_right_are_alike_in_any_frame_within_a_solvers_tolerance(
     mirrored = replace(commands, values=commands.values * [1.0, -1.0])
     one = plant.run(commands, State(), SAMPLE_DT)
     other = plant.run(mirrored, State(*frame), SAMPLE_DT)
-    there = compose(np.array(frame), one.pose * [1.0, -1.0, -1.0])
+    there = compose_poses(np.array(frame), one.pose * [1.0, -1.0, -1.0])
     assert np.hypot(*(there - other.pose)[:, :2].T).max() <= 2.0 * SAME_PATH
 
 

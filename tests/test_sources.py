@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.geometry import integral, rotate_body_to_world
+from ssmr.geometry import integrate_rates, rotate_body_to_world
 from ssmr.metrics.declared import Metrics
 from ssmr.metrics.windows import horizon_windows, overlapping_windows
 from ssmr.types import FloatArray
@@ -218,7 +218,7 @@ def test_the_gyro_judges_headings_whatever_its_sign_and_bias(sign: float, stalls
     assert judge.first == stalls
     reported = source.pieces[0].reference
     t = columns["t"]
-    right = np.interp(t - 0.3, t, integral(t, columns["cmd_w"]))
+    right = np.interp(t - 0.3, t, integrate_rates(t, columns["cmd_w"]))
     reported = replace(reported, pose=np.column_stack([reported.pose[:, :2], right]))
     by_gyro, by_pose = (
         score(Metrics(), pieces, [reported], (6.0,)).windows[6.0].yaw

@@ -19,7 +19,7 @@ from ssmr.control import lqr, mpc, pid
 from ssmr.control.law import Command, Gains, Law, Matrix, Memory, Observation
 from ssmr.control.mission import PythonController
 from ssmr.control.waypoints import Errors, Target
-from ssmr.parameters import described, require_one_of
+from ssmr.parameters import describe_parameters, require_one_of
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 
@@ -113,7 +113,7 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
     """
     require_one_of(controller, LAWS, f"unknown controller '{controller}'")
     kind = LAWS[controller].gains
-    names = described(kind)
+    names = describe_parameters(kind)
     for name in values:
         require_one_of(name, names, f"{controller} has no gain '{name}'")
     return kind(**values)

@@ -43,7 +43,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.errors import ControllerError, SsmrError
 from ssmr.estimation.ekf import initial_belief
 from ssmr.estimation.settings import EkfSettings
-from ssmr.parameters import packed, require_in_range, require_one_of
+from ssmr.parameters import pack_numbers, require_in_range, require_one_of
 from ssmr.robot.drive import whole_steps
 from ssmr.robot.sensors import SensorModel, SensorNoise, yaw_disturbance
 from ssmr.types import FloatArray, Motion, Plant, State, Trajectory
@@ -201,7 +201,7 @@ def make_trackers(
             belief=initial_belief(state),
             filter=around.filter_at_start(seeds[i % len(seeds)]).packed(),
             noise=around.deviations(),
-            sensors=packed(around.sensors),
+            sensors=pack_numbers(around.sensors),
             clock=clock,
         )
         trackers.append(tracker)

@@ -28,7 +28,7 @@ from ssmr.control.law import Gains, Law, Observation
 from ssmr.control.mission import ControllerInput, Mission
 from ssmr.control.predictor import DriverEstimate, PredictorModel
 from ssmr.geometry import wrap_angle
-from ssmr.parameters import packed, parameter
+from ssmr.parameters import pack_numbers, parameter
 from ssmr.types import FloatArray
 
 _STEP_PERIODS = 2
@@ -230,7 +230,7 @@ class Mpc:
         import daqp  # here: only this controller needs it
 
         self._mission = mission
-        self._gains = packed(gains)
+        self._gains = pack_numbers(gains)
         model: PredictorModel = mission.model
         rates = np.array([model.rate_v, model.rate_w])
         pushes = np.array([model.push_v, model.push_w])

@@ -15,7 +15,7 @@ import numpy as np
 from ssmr._jit import jit, named_like
 from ssmr.control.law import Command, Gains, Law, Memory, Observation
 from ssmr.control.waypoints import Errors, Target
-from ssmr.parameters import packed, parameter
+from ssmr.parameters import pack_numbers, parameter
 from ssmr.types import FloatArray
 
 _U_REF_LIMIT = 1.0
@@ -52,7 +52,7 @@ class PidGains(Gains):
     """alpha-PID, integral."""
 
 
-_GAINS = packed(PidGains())
+_GAINS = pack_numbers(PidGains())
 """Template for `named_like`."""
 
 

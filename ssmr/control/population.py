@@ -43,10 +43,10 @@ from ssmr.robot.drive import (
     Sides,
     continue_references,
     drive_numbers,
-    rolling,
+    rolling_references,
 )
 from ssmr.robot.vehicle import Drive
-from ssmr.simulation import PLANAR_DT, PlanarBodies, PlanarModel, move, start_of
+from ssmr.simulation import PLANAR_DT, PlanarBodies, PlanarModel, move_robot, start_of
 from ssmr.types import FloatArray, Motion, State
 
 _MOTION = State().motion
@@ -84,7 +84,7 @@ def _run_planar_loop(
     references = np.empty((n, 2))
     data = (drive, draws, commands, references, log)
     now, integral = start_of(start, robot.vehicle, robot.x_icr, robot.drift, robot.ideal)
-    driver = rolling(Sides(start.left, start.right), drive)
+    driver = rolling_references(Sides(start.left, start.right), drive)
     state = INITIAL_STATE
     for i in range(last + 1):
         first = i * n
@@ -97,7 +97,7 @@ def _run_planar_loop(
         for j in range(steps):
             push = disturbance[first + j] if len(disturbance) > 1 else disturbance[0]
             wheels = Sides(references[j, 0], references[j, 1])
-            now, integral = move(now, integral, wheels, push, robot)
+            now, integral = move_robot(now, integral, wheels, push, robot)
     return last + 1
 
 
@@ -230,7 +230,9 @@ def run_bodies(
     numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
     trackers = make_trackers(controllers, settings, waypoints, clock, state, seeds)
     rows = _rows_of(trackers, numbers)
-    drivers = np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in numbers])
+    drivers = np.array(
+        [rolling_references(Sides(state.wheel_left, state.wheel_right), d) for d in numbers]
+    )
     alive = np.ones(count, dtype=np.bool_)
     carried = np.tile(EMPTY_MEMORY, (count, 1)), np.zeros(count, dtype=np.int64), drivers, alive
     commands = np.zeros((count, 1 + clock.n // clock.velocity, 2))

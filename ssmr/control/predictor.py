@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit, jit_alone, source, write_numbers
+from ssmr._jit import jit, jit_alone, python_source, write_numbers
 from ssmr.control.law import Command, Observation
-from ssmr.robot.drive import body_rates, ramp, saturate
+from ssmr.robot.drive import body_rates, clip_to_limit, ramp_towards
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
 
@@ -189,7 +189,7 @@ def predictor_start(state: State, drive: Drive, period: float) -> FloatArray:
     """Return the memory of a predictor whose robot has rolled as in `state` before the start."""
     half_track = drive.command_half_track
     # the compiled one would be compiled anew at every start, which takes longer than a run
-    of_wheels = source(body_rates)
+    of_wheels = python_source(body_rates)
     rates = of_wheels(state.wheel_left, state.wheel_right, half_track, drive.command_radius)
     memory = np.zeros(MEMORY_NUMBERS)
     memory[:_AT] = np.tile(rates, 2)
@@ -247,10 +247,10 @@ def _advance_driver(
     when = t + (dt if model.ramp > 0.0 else 0.5 * dt)  # a ramp has gone on to the end of the step
     sampled_v = when - max(model.delay_v + late, 0.0)
     sampled_w = when - max(model.delay_w + late, 0.0)
-    v = saturate(commanded(past, 0, sent_at, sampled_v, model), model.v_max)
-    w = saturate(commanded(past, 1, sent_at, sampled_w, model), model.w_max)
-    v = ramp(before.v, v, model.acceleration_v * dt)
-    w = ramp(before.w, w, model.acceleration_w * dt)
+    v = clip_to_limit(commanded(past, 0, sent_at, sampled_v, model), model.v_max)
+    w = clip_to_limit(commanded(past, 1, sent_at, sampled_w, model), model.w_max)
+    v = ramp_towards(before.v, v, model.acceleration_v * dt)
+    w = ramp_towards(before.w, w, model.acceleration_w * dt)
     share = -math.expm1(-dt / model.lag) if model.lag > 0.0 else 1.0
     return DriverEstimate(
         v=v,
@@ -400,7 +400,7 @@ def _learn_delay(
     write_numbers(memory, _SEEN, 1, now)
     most = _LEARNING_RATE * (t - before)
     best = max(_best_delay(sums, memory[_SQUARES:_HISTORY]), -model.horizon)
-    memory[LEARNT] += saturate(best - memory[LEARNT], most)
+    memory[LEARNT] += clip_to_limit(best - memory[LEARNT], most)
 
 
 @jit

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ssmr.control.waypoints import Waypoints
-from ssmr.geometry import integral
+from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray
 
 SPACING = 0.02
@@ -67,7 +67,7 @@ def sine(
     bound = end * math.hypot(1.0, amplitude * k)  # no arc is longer
     x = np.linspace(0.0, end, _REFINEMENT * _step_count(bound) + 1)
     slope = np.hypot(1.0, amplitude * k * np.cos(k * x))
-    arc = integral(x, slope)
+    arc = integrate_rates(x, slope)
     along = np.interp(_arc_lengths(float(arc[-1])), arc, x)
     aside = amplitude * np.sin(k * along)
     return Waypoints.from_path(np.column_stack([along, aside]), speed)
@@ -86,7 +86,7 @@ def eight(speed: float, half_width: float = 1.25) -> Waypoints:
     steps = 2 * _REFINEMENT * _step_count(6.0 * half_width)  # 5.244 a is its length
     u = np.linspace(-0.5 * math.pi, 1.5 * math.pi, steps + 1)
     rate = half_width / np.hypot(1.0, np.sin(u))
-    arc = integral(u, rate)
+    arc = integrate_rates(u, rate)
     at = np.interp(_arc_lengths(float(arc[-1])), arc, u)
     sine = np.sin(at)
     x = half_width * np.cos(at) / (1.0 + sine**2)

@@ -23,8 +23,8 @@ from ssmr.control.predictor import LEARNT, PredictorModel, predict_ahead, rememb
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
 from ssmr.estimation.ekf import filter_step
 from ssmr.estimation.settings import YAW, Belief, V, W, X, Y
-from ssmr.robot.drive import DriveNumbers, DriveState, Sides, follow
-from ssmr.robot.sensors import SensorNumbers, sense
+from ssmr.robot.drive import DriveNumbers, DriveState, Sides, follow_commands
+from ssmr.robot.sensors import SensorNumbers, sense_rates
 from ssmr.types import FloatArray, Motion
 
 LOST = 3.0
@@ -134,7 +134,7 @@ def _filtered(
     clock = tracker.clock
     numbers = (drawn[5], drawn[6], drawn[7])
     wheels = Sides(truth.left, truth.right)
-    sample = sense(k * clock.dt, wheels, truth.w, numbers, tracker.sensors)
+    sample = sense_rates(k * clock.dt, wheels, truth.w, numbers, tracker.sensors)
     elapsed = clock.position * clock.dt if k else 0.0
     filter_step(belief, sample, elapsed, tracker.filter)
     mean = belief.mean
@@ -276,7 +276,7 @@ def plan_period(
         if j == k:
             record(log[k // clock.position], truth, state, tracker)
         if j < k + n:
-            driver = follow(commands, j, drive, (0.0, 0.0), driver)
+            driver = follow_commands(commands, j, drive, (0.0, 0.0), driver)
             references[j - k, 0] = driver.left
             references[j - k, 1] = driver.right
     aim = state.target

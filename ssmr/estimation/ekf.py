@@ -27,7 +27,7 @@ from ssmr.types import FloatArray, State, Trajectory, frozen_array, increasing_t
 
 
 @jit
-def predict(belief: Belief, dt: float, numbers: Any) -> None:
+def predict_belief(belief: Belief, dt: float, numbers: Any) -> None:
     """Let time pass, in place: P <- F P F' + Q.
 
     The pose follows the midpoint rule, whose exact Jacobian is
@@ -84,7 +84,7 @@ def _add_process_noise(
     dt: float,
     numbers: Any,
 ) -> None:
-    """Add the upper triangle of Q of one step to the covariance, see `predict`."""
+    """Add the upper triangle of Q of one step to the covariance, see `predict_belief`."""
     q_slip = dt * numbers.process_position
     q_yaw = dt * numbers.process_yaw
     q_v = dt * numbers.process_v
@@ -109,7 +109,7 @@ def _add_process_noise(
 
 
 @jit
-def update(belief: Belief, j: int, value: float, variance: float) -> None:
+def update_belief(belief: Belief, j: int, value: float, variance: float) -> None:
     """Take in one measurement of state `j`, in place.
 
     A NaN or a measurement of infinite variance changes nothing. With the gain K = P H'/S, S = H P
@@ -145,11 +145,11 @@ def filter_step(belief: Belief, sample: SensorLog, dt: float, numbers: Any) -> N
     The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy
     wheels have independent noise. The sample is NaN where a sensor gave nothing.
     """
-    predict(belief, dt, numbers)
+    predict_belief(belief, dt, numbers)
     v, w = body_rates(sample.left, sample.right, numbers.half_track, numbers.radius)
-    update(belief, V, v, numbers.variance_v)
-    update(belief, W, w, numbers.variance_wheel_yaw_rate)
-    update(belief, W, sample.gyro - numbers.gyro_bias, numbers.variance_gyro)
+    update_belief(belief, V, v, numbers.variance_v)
+    update_belief(belief, W, w, numbers.variance_wheel_yaw_rate)
+    update_belief(belief, W, sample.gyro - numbers.gyro_bias, numbers.variance_gyro)
 
 
 @jit_alone

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ssmr.parameters import check_parameters, packed, parameter
+from ssmr.parameters import check_parameters, pack_numbers, parameter
 from ssmr.types import FloatArray
 
 X, Y, YAW, V, W = range(5)
@@ -65,8 +65,8 @@ class EkfSettings:
 
     def packed(self) -> Any:
         """Return the settings as a named tuple for the kernels."""
-        return packed(self)
+        return pack_numbers(self)
 
 
-NO_NUMBERS = packed(EkfSettings())
+NO_NUMBERS = pack_numbers(EkfSettings())
 """Template for `named_like`."""

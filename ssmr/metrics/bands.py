@@ -83,7 +83,7 @@ class Band:
         Returns:
             (W, 2, 2) covariance of the position at the end, in the frame of the start [m²].
         """
-        trace, square, _ = _growth(pose, starts, ends) @ np.square(astuple(self)[:_CAUSES])
+        trace, square, _ = _variance_growth(pose, starts, ends) @ np.square(astuple(self)[:_CAUSES])
         rows = [trace.real + square.real, square.imag, square.imag, trace.real - square.real]
         return 0.5 * np.stack(rows, -1).reshape(-1, 2, 2)
 
@@ -100,7 +100,9 @@ class Band:
             position [m], and (W,) half widths of the headings' interval [rad].
         """
         variances = np.square(astuple(self)[:_CAUSES])
-        position, yaw = _deviations(_growth(pose, starts, ends), variances, np.asarray(error))
+        position, yaw = _window_deviations(
+            _variance_growth(pose, starts, ends), variances, np.asarray(error)
+        )
         return position * self.reach_position, yaw * self.reach_yaw
 
 
@@ -118,7 +120,7 @@ def interval_score(error: ArrayLike, edge: ArrayLike) -> float:
 _CAUSES = len(fields(Band)) - 2
 
 
-def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> Any:
+def _variance_growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> Any:
     """Return (3, W, causes) complex variances over a window by a unit variance of each cause.
 
     These are xx + yy, xx - yy + 2i xy, and that of the heading: |w|^2 and w^2, where a vector is a
@@ -161,7 +163,7 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> Any:
     return np.moveaxis(np.array(causes), 0, -1)
 
 
-def _deviations(
+def _window_deviations(
     growth: Any, variances: FloatArray, error: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return (W,) standard deviations of position in the direction of errors, and of heading.
@@ -180,7 +182,7 @@ _LEAST = 1e-8
 band too."""
 
 
-def _variances(growth: Any, error: FloatArray, weight: FloatArray) -> FloatArray:
+def _fit_variances(growth: Any, error: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the (causes,) variances that explain squares of errors best.
 
     Each square is weighted by its own expectation, and each of the windows counts as much as its
@@ -220,11 +222,11 @@ def estimated_band(
     """
     if sum(len(starts) for _, _, starts, _, _ in windows) < _FEWEST_WINDOWS:
         return None
-    growth = np.concatenate([_growth(pose, i, j) for _, pose, i, j, _ in windows], axis=1)
+    growth = np.concatenate([_variance_growth(pose, i, j) for _, pose, i, j, _ in windows], axis=1)
     error = np.concatenate([e for *_, e in windows])
     length = np.concatenate([np.full(len(e), h) for h, *_, e in windows])
-    variances = _variances(growth, error, 1.0 / np.maximum(length, 1.0))
-    edges = _deviations(growth, variances, error)
+    variances = _fit_variances(growth, error, 1.0 / np.maximum(length, 1.0))
+    edges = _window_deviations(growth, variances, error)
     sizes = [np.hypot(error[:, 0], error[:, 1]) / edges[0], np.abs(error[:, 2]) / edges[1]]
     _, member, counts = np.unique(length, return_inverse=True, return_counts=True)
     weights = 1.0 / counts[member]

@@ -55,7 +55,7 @@ def _mean_square(values: Sequence[float], samples: Sequence[int]) -> float:
     return math.sqrt(np.average(squares, weights=np.array(samples, dtype=np.float64)))
 
 
-def _greatest(values: Sequence[float], samples: Sequence[int]) -> float:
+def _greatest_size(values: Sequence[float], samples: Sequence[int]) -> float:
     return max(values)
 
 
@@ -105,7 +105,7 @@ _PATH_METRICS: tuple[_PathMetric, ...] = (
             "reference to the robot's path",
         ),
         lambda m, sync: m.d_haus,
-        _greatest,
+        _greatest_size,
     ),
     (
         Metric(
@@ -152,7 +152,7 @@ _PATH_METRICS: tuple[_PathMetric, ...] = (
             meaning="the larger of the Hausdorff distances of both directions",
         ),
         lambda m, sync: m.d_haus_symmetric,
-        _greatest,
+        _greatest_size,
     ),
     (
         Metric(
@@ -187,7 +187,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType({m.name: m for m, *_ in _PATH_M
 reference."""
 
 
-def _torques(motion: Trajectory) -> FloatArray | None:
+def _side_torques(motion: Trajectory) -> FloatArray | None:
     """Return the sides' torques; None if all are zero, as those of a model without motors."""
     torques = motion.channels.get("torque_N_m")
     return torques if torques is not None and np.any(torques) else None
@@ -224,7 +224,7 @@ _SIGNAL_METRICS: tuple[tuple[Metric, _Signal], ...] = (
             "low",
             "the same of the motors' torques, over both sides; it sees friction and inertia",
         ),
-        _torques,
+        _side_torques,
     ),
 )
 """Root mean square differences of signals at equal times, each with the (M,) or (M, k) signal of a
@@ -404,10 +404,10 @@ def command_measures(shares: FloatArray, period: float) -> tuple[float, float]:
     if len(shares) == 0:
         return math.nan, math.nan
     bends = np.diff(shares, 2, axis=0) / period**2
-    return _rms(shares), _rms(bends) if len(bends) else 0.0
+    return _row_rms(shares), _row_rms(bends) if len(bends) else 0.0
 
 
-def _rms(rows: FloatArray) -> float:
+def _row_rms(rows: FloatArray) -> float:
     """Return the root mean square of the lengths of rows."""
     squares = np.sum(rows**2, axis=1)
     return math.sqrt(float(np.mean(squares)))

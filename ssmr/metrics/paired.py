@@ -61,7 +61,7 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
     return float(apart == 0.0)
 
 
-def corrected(chances: Sequence[float]) -> FloatArray:
+def correct_by_holm(chances: Sequence[float]) -> FloatArray:
     """Return probabilities corrected for their number by Holm's rule, each in its place [1]."""
     p = np.asarray(chances, dtype=np.float64)
     order = np.argsort(p)

@@ -51,7 +51,7 @@ LARGEST = 1e75
 
 
 @jit_alone
-def _steps(xy: FloatArray) -> tuple[float, float]:
+def _step_sums(xy: FloatArray) -> tuple[float, float]:
     """Return the sum of the steps between samples [m], and the sum of their squares [m^2]."""
     total = 0.0
     squares = 0.0
@@ -75,7 +75,7 @@ def path_length(xy: FloatArray) -> float:
         y = xy[i, 1]
         if not (abs(x) <= LARGEST and abs(y) <= LARGEST):
             return math.nan
-    return _steps(xy)[0] if len(xy) > 0 else math.nan
+    return _step_sums(xy)[0] if len(xy) > 0 else math.nan
 
 
 @jit_alone
@@ -94,7 +94,7 @@ def bending_energy(xy: FloatArray) -> float:
     longer: points laid closer than the samples would find all turning at the samples and none
     between them. A reversal is a turn by pi: pi^2 / d.
     """
-    total, squares = _steps(xy)
+    total, squares = _step_sums(xy)
     if not total > 0.0:
         return 0.0
     # At most M - 1 chords fit: total^2 <= (M - 1) squares.
@@ -152,7 +152,7 @@ def bending_energy(xy: FloatArray) -> float:
 
 
 @jit
-def _ratio(candidate: float, reference: float, floor: float) -> float:
+def _finite_ratio(candidate: float, reference: float, floor: float) -> float:
     """Return candidate over reference, always finite.
 
     It is 1 where both are under the floor, which otherwise is the least divisor.
@@ -187,7 +187,7 @@ def one_sided_kernel(
     if math.isnan(candidate_length + reference_length):
         return math.nan, math.nan, math.nan
     mean, largest = _mean_and_largest(nearest_squared(reference_xy, candidate_xy))
-    lengths = _ratio(candidate_length, reference_length, LENGTH_FLOOR)
+    lengths = _finite_ratio(candidate_length, reference_length, LENGTH_FLOOR)
     return math.sqrt(mean), math.sqrt(largest), lengths
 
 
@@ -197,7 +197,7 @@ def bend_ratio_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> flo
 
     They are paths that `one_sided_kernel` could measure.
     """
-    return _ratio(bending_energy(candidate_xy), bending_energy(reference_xy), BENDING_FLOOR)
+    return _finite_ratio(bending_energy(candidate_xy), bending_energy(reference_xy), BENDING_FLOOR)
 
 
 class PathMeasures(NamedTuple):
@@ -246,14 +246,14 @@ _EMPTY: _Box = (math.inf, -math.inf, math.inf, -math.inf)
 
 
 @jit
-def _stretch(box: _Box, x: float, y: float) -> _Box:
+def _stretch_box(box: _Box, x: float, y: float) -> _Box:
     """Return the least box that holds a box and a point."""
     low_x, high_x, low_y, high_y = box
     return min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
 
 
 @jit
-def _enter(x: FloatArray, y: FloatArray, first: int, batch: FloatArray) -> float:
+def _enter_leaf(x: FloatArray, y: FloatArray, first: int, batch: FloatArray) -> float:
     """Update squares of a batch's distances by the leaf of samples from `first` on.
 
     `batch` holds x, y and squared distance of each point, in three rows one after the other. The
@@ -275,7 +275,7 @@ def _enter(x: FloatArray, y: FloatArray, first: int, batch: FloatArray) -> float
 
 
 @jit
-def _grow(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+def _grow_tree(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
     """Return the tree of a path: its number of leaves, the boxes of all nodes, and x and y.
 
     The leaves are a power of two. Node 1 is the whole path, and node n has the children 2 n and
@@ -296,7 +296,7 @@ def _grow(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
             k = min(j, m - 1)
             x[j] = path[k, 0]
             y[j] = path[k, 1]
-            box = _stretch(box, x[j], y[j])
+            box = _stretch_box(box, x[j], y[j])
         for side, number in enumerate(box):
             boxes[leaves + leaf, side] = number
     for node in range(leaves - 1, 0, -1):
@@ -309,7 +309,7 @@ def _grow(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
 
 
 @jit
-def _gap(node: FloatArray, box: _Box) -> float:
+def _squared_gap(node: FloatArray, box: _Box) -> float:
     """Return the square of the distance between a node's box, a row, and another one [m^2]."""
     low_x, high_x, low_y, high_y = box
     gap_x: float = max(max(node[0] - high_x, low_x - node[1]), 0.0)
@@ -318,7 +318,7 @@ def _gap(node: FloatArray, box: _Box) -> float:
 
 
 @jit
-def _gather(points: FloatArray, first: int, count: int, batch: FloatArray) -> _Box:
+def _gather_points(points: FloatArray, first: int, count: int, batch: FloatArray) -> _Box:
     """Write `count` points into a batch, at no known distance yet; return their box.
 
     The batch is filled up with the last one.
@@ -329,7 +329,7 @@ def _gather(points: FloatArray, first: int, count: int, batch: FloatArray) -> _B
         batch[i] = points[k, 0]
         batch[_BATCH + i] = points[k, 1]
         batch[2 * _BATCH + i] = np.inf
-        box = _stretch(box, points[k, 0], points[k, 1])
+        box = _stretch_box(box, points[k, 0], points[k, 1])
     return box
 
 
@@ -341,7 +341,7 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
     leaf that the last batch ended in. There must be a sample, and all numbers must be finite.
     """
     n = points.shape[0]
-    leaves, boxes, x, y = _grow(path)
+    leaves, boxes, x, y = _grow_tree(path)
     out = np.empty(n)
     batch = np.empty(3 * _BATCH)
     nodes = np.empty(_DEEP, dtype=np.int64)
@@ -349,9 +349,9 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
     latest = 0
     for first in range(0, n, _BATCH):
         count = min(_BATCH, n - first)
-        box = _gather(points, first, count, batch)
+        box = _gather_points(points, first, count, batch)
         begun = latest
-        bound = _enter(x, y, begun * _LEAF, batch)
+        bound = _enter_leaf(x, y, begun * _LEAF, batch)
         nodes[0] = 1
         gaps[0] = 0.0
         waiting = 1
@@ -361,8 +361,8 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
             if gaps[waiting] >= bound or node == leaves + begun:
                 continue
             if node < leaves:
-                one = _gap(boxes[2 * node], box)
-                other = _gap(boxes[2 * node + 1], box)
+                one = _squared_gap(boxes[2 * node], box)
+                other = _squared_gap(boxes[2 * node + 1], box)
                 near = 2 * node + (1 if other < one else 0)
                 for child, gap in ((near ^ 1, max(one, other)), (near, min(one, other))):
                     if gap < bound:
@@ -371,7 +371,7 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
                         waiting += 1
                 continue
             before = batch[2 * _BATCH + count - 1]
-            bound = _enter(x, y, (node - leaves) * _LEAF, batch)
+            bound = _enter_leaf(x, y, (node - leaves) * _LEAF, batch)
             if batch[2 * _BATCH + count - 1] < before:
                 latest = node - leaves
         for i in range(count):

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.geometry import relative, wrap_angle
+from ssmr.geometry import relative_pose, wrap_angle
 from ssmr.types import FloatArray, IndexArray, frozen_array, increasing_times
 
 TIME_TOLERANCE = 1e-9
@@ -55,8 +55,8 @@ def relative_pose_error(
     q = frozen_array(reference_pose, "reference_pose", (len(p), 3))
     i = np.asarray(starts, dtype=np.intp)
     j = np.asarray(ends, dtype=np.intp)
-    motion = relative(p[i], p[j])
-    error = relative(relative(q[i], q[j]), motion)
+    motion = relative_pose(p[i], p[j])
+    error = relative_pose(relative_pose(q[i], q[j]), motion)
     position = np.hypot(error[:, 0], error[:, 1])
     return position, np.abs(wrap_angle(error[:, 2]))
 
@@ -156,13 +156,13 @@ def horizon_errors(position: ArrayLike, yaw: ArrayLike, n_standing: int = 0) -> 
     Raises:
         ValueError: there is no window, lengths differ, or a number is not finite.
     """
-    p, r = _errors(position, yaw)
+    p, r = _error_sizes(position, yaw)
     p50, p95 = map(float, np.percentile(p, (50.0, 95.0)))
     r50, r95 = map(float, np.percentile(r, (50.0, 95.0)))
     return HorizonErrors(len(p), p50, p95, r50, r95, n_standing)
 
 
-def _errors(position: ArrayLike, yaw: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def _error_sizes(position: ArrayLike, yaw: ArrayLike) -> tuple[FloatArray, FloatArray]:
     p = frozen_array(position, "position errors", (None,))
     if len(p) == 0:
         raise ValueError("there is no window to sum up")
@@ -202,7 +202,7 @@ class WindowErrors:
 
     def __post_init__(self) -> None:
         """Check; ValueError where there is no window, or the lengths differ."""
-        position, yaw = _errors(self.position, self.yaw)
+        position, yaw = _error_sizes(self.position, self.yaw)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "yaw", yaw)
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssmr._jit import jit
-from ssmr.models.friction import sign
+from ssmr.models.friction import sign_of
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import Sides, motor_torques, side_rates, side_thrusts
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class CoulombParameters:
         check_parameters(self)
 
 
-def constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
+def coulomb_constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
     """Return the numbers of a law with this friction (Eq. 2.17, 2.19).
 
     They are the resistance of a side's two wheels [N], the resisting moment of all lateral forces
@@ -51,20 +51,20 @@ def constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, floa
 
 
 @jit
-def resistance(v: float, w: float, robot: PlanarRobot) -> tuple[float, float]:
+def resisting_loads(v: float, w: float, robot: PlanarRobot) -> tuple[float, float]:
     """Return resisting force [N] and moment [N m] in velocity space (Eq. 2.18-2.28).
 
     They are S^T R = (R_x, M_r - x_ICR F_y).
     """
     c = robot.vehicle.half_track
     rolling, skidding, _ = robot.constants
-    left = rolling * sign(v - c * w)  # wheels 1 and 4
-    right = rolling * sign(v + c * w)  # wheels 2 and 3
-    return left + right, skidding * sign(w) + c * (right - left)
+    left = rolling * sign_of(v - c * w)  # wheels 1 and 4
+    right = rolling * sign_of(v + c * w)  # wheels 2 and 3
+    return left + right, skidding * sign_of(w) + c * (right - left)
 
 
 @jit
-def accelerations(
+def body_accelerations(
     v: float,
     w: float,
     wheels: Sides,
@@ -81,7 +81,7 @@ def accelerations(
     aside = robot.constants[2] * w
     rates = side_rates(v, w, vehicle)
     torque = motor_torques(wheels, integral, rates, robot.parameters.gain, robot.motor)
-    thrust = thrusts(torque, rates, vehicle, robot.motor)
+    thrust = side_thrusts(torque, rates, vehicle, robot.motor)
     resisting_force, resisting_moment = resist
     turning = vehicle.half_track * (thrust.right - thrust.left)
     force = thrust.left + thrust.right - resisting_force - aside * w
@@ -99,10 +99,10 @@ def advance(
     at every step near rest: the numerical artefact of Fig. 3.33 belongs to the model.
     """
     dt = robot.dt
-    resist = resistance(v, w, robot)
-    dv, dw, torque = accelerations(v, w, wheels, integral, resist, robot)
+    resist = resisting_loads(v, w, robot)
+    dv, dw, torque = body_accelerations(v, w, wheels, integral, resist, robot)
     dw += disturbance
-    dv2, dw2, _ = accelerations(v + dt * dv, w + dt * dw, wheels, integral, resist, robot)
+    dv2, dw2, _ = body_accelerations(v + dt * dv, w + dt * dw, wheels, integral, resist, robot)
     v_next = v + 0.5 * dt * (dv + dv2)
     w_next = w + 0.5 * dt * (dw + dw2 + disturbance)
     return v_next, w_next, torque
@@ -113,7 +113,7 @@ LAW = PlanarLaw(
     CoulombParameters,
     advance,
     lambda vehicle, parameters: vehicle.x_icr,
-    constants,
+    coulomb_constants,
     vehicle=(
         "mass",
         "yaw_inertia",

@@ -19,10 +19,10 @@ from ssmr.errors import ParameterError
 from ssmr.models.friction import (
     AlongAcross,
     Tyre,
-    bend,
+    bend_brushes,
     felt_slip,
     improved_friction,
-    sign,
+    sign_of,
     steady_bend,
     stop_at_zero_crossing,
     tyre_force,
@@ -30,11 +30,11 @@ from ssmr.models.friction import (
 from ssmr.parameters import (
     check_parameters,
     numbers_of,
-    packed,
+    pack_numbers,
     parameter,
     require_in_range,
 )
-from ssmr.robot.drive import Motor, advance_integral, motor_numbers, saturate
+from ssmr.robot.drive import Motor, advance_integral, clip_to_limit, motor_numbers
 from ssmr.robot.vehicle import Drive, Vehicle, WheeledBody
 from ssmr.types import FloatArray
 
@@ -101,7 +101,7 @@ class FourWheelParameters(WheeledBody):
             raise ParameterError(
                 f"com_x {self.com_x:g} m and com_y {self.com_y:g} m leave a wheel without load"
             )
-        if not _stiffness(self) <= _MOST_STEPS_A_SECOND:
+        if not _least_step_rate(self) <= _MOST_STEPS_A_SECOND:
             raise ParameterError(
                 "tyres are too stiff for so light a body or wheels: "
                 "they swing too fast for any step that is worth its time"
@@ -158,7 +158,7 @@ def robot_of(row: FloatArray) -> FourWheels:
     )
 
 
-def _stiffness(p: FourWheelParameters) -> float:
+def _least_step_rate(p: FourWheelParameters) -> float:
     """Return the least number of steps in a second [1/s].
 
     Their length h follows from h^2 w^2 + 2 h d w^2 = `_STIFFEST` for the stiffest motion.
@@ -177,13 +177,13 @@ def four_wheels(
     p: FourWheelParameters, drive: Drive, dt: float, *, given: bool = False
 ) -> FourWheels:
     """Return the numbers for physics steps `dt` [s], divided where stiff tyres need it."""
-    inner = max(1, math.ceil(dt * _stiffness(p)))
+    inner = max(1, math.ceil(dt * _least_step_rate(p)))
     step = dt / inner
     unit = math.sqrt(p.wheel_radius / _GRAVITY)  # of time
     motor = motor_numbers(drive, step)
     lag = p.load_lag * unit
     return FourWheels(
-        own=packed(p),
+        own=pack_numbers(p),
         # Two motors drive four wheels, so a wheel has half of its motor.
         motor=Motor(
             limit=0.5 * motor.limit,
@@ -251,7 +251,7 @@ def body_of(row: FloatArray) -> Body:
 
 
 @jit
-def contact(i: int, robot: FourWheels) -> AlongAcross:
+def contact_point(i: int, robot: FourWheels) -> AlongAcross:
     """Return where wheel i touches the ground, ahead and to the left of the centre of mass [m]."""
     own = robot.own
     x = 0.5 * own.wheelbase if i < 2 else -0.5 * own.wheelbase
@@ -276,13 +276,13 @@ def _rim_speed(body: Body, i: int, robot: FourWheels) -> float:
 @jit
 def _sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWheels) -> AlongAcross:
     """Return the velocity of wheel i's rim over the ground [m/s]; it rolls at `rolling` [m/s]."""
-    place = contact(i, robot)
+    place = contact_point(i, robot)
     along = motion[3] - motion[5] * place.y - rolling
     return AlongAcross(along, motion[4] + motion[5] * place.x)
 
 
 @jit_alone
-def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
+def place_body(start: FloatArray, robot: FourWheels, body: Body) -> None:
     """Put the robot into a state, (8,) numbers in the order of `ssmr.State`.
 
     Wheel loads are those at rest, and tyres are bent as in steady rolling.
@@ -316,9 +316,9 @@ def _spread_load(body: Body, robot: FourWheels) -> None:
     A wheel that would hang, lifts. Then the robot stands on three wheels: the lack goes to the
     opposite wheel and is taken off both neighbours, which changes neither the sum nor the moments.
     """
-    ahead = saturate(body.shift[0], 1.0)
-    aside = saturate(body.shift[1], 1.0)
-    lack = max(abs(ahead) + abs(aside) - 1.0, 0.0) * sign(ahead) * sign(aside)
+    ahead = clip_to_limit(body.shift[0], 1.0)
+    aside = clip_to_limit(body.shift[1], 1.0)
+    lack = max(abs(ahead) + abs(aside) - 1.0, 0.0) * sign_of(ahead) * sign_of(aside)
     for i in range(4):
         front = 1.0 if i < 2 else -1.0
         left = 1.0 if i % 2 == 0 else -1.0
@@ -349,7 +349,7 @@ def _turn_wheel(
     back = strength * robot.motor.braking * rate
     limit = strength * robot.motor.limit
     lasting = strength * integral
-    driving = saturate(gain * (reference - rate) + lasting + back, limit) - back - pull
+    driving = clip_to_limit(gain * (reference - rate) + lasting + back, limit) - back - pull
     if rate == 0.0 and abs(driving) <= dry:
         return 0.0, driving + pull
     load = pull - improved_friction(driving, dry, dry, rate)
@@ -358,7 +358,7 @@ def _turn_wheel(
     faster = free + (rate - free) * math.exp(-gain * robot.dt / spin_inertia)
     torque = spin_inertia * (faster - rate) / robot.dt + load
     if abs(torque + back) > limit:
-        torque = saturate(torque + back, limit) - back
+        torque = clip_to_limit(torque + back, limit) - back
         faster = rate + robot.dt * (torque - load) / spin_inertia
     if dry > 0.0:
         faster = stop_at_zero_crossing(faster, rate)
@@ -427,7 +427,7 @@ def _advance_body(
         rolling = _rim_speed(body, i, robot)
         sliding = _sliding_velocity(motion, rolling, i, robot)
         slip = AlongAcross(body.slip_x[i], body.slip_y[i])
-        bent = bend(slip, sliding, rolling, dt, tyre)
+        bent = bend_brushes(slip, sliding, rolling, dt, tyre)
         force = tyre_force(felt_slip(bent, sliding, rolling, tyre), body.load[i], tyre)
         body.slip_x[i] = bent.x
         body.slip_y[i] = bent.y
@@ -435,7 +435,7 @@ def _advance_body(
         body.force_y[i] = force.y
         force_x = force_x + force.x
         force_y = force_y + force.y
-        lever = contact(i, robot)
+        lever = contact_point(i, robot)
         moment = moment + lever.x * force.y - lever.y * force.x
     spun_up = _turn_wheels(body, left, right, robot)
     w = motion[5]

@@ -17,7 +17,7 @@ from ssmr.models.four_wheel import (
     FourWheels,
     body_of,
     four_wheels,
-    place,
+    place_body,
     robot_of,
     row_of,
     run_wheels,
@@ -96,7 +96,7 @@ class FourWheelPlant(BodyPlant):
         push = step_pushes(disturbance, len(references))
         robot = self.robot._replace(given=given)
         out = np.empty((1 + len(references) // stride, SAMPLE_COLUMNS))
-        body = body_of(_placed(state, robot))
+        body = body_of(_place_state(state, robot))
         failed = run_wheels(references, push, stride, robot, body, out)
         if failed >= 0:
             t = failed * self.dt
@@ -108,9 +108,9 @@ class FourWheelPlant(BodyPlant):
         return Trajectory.of_table(sample_dt, out, _CHANNELS)
 
 
-def _placed(state: State, robot: FourWheels) -> FloatArray:
+def _place_state(state: State, robot: FourWheels) -> FloatArray:
     row = np.zeros(STATE_NUMBERS)
-    place(np.array(state.motion), robot, body_of(row))
+    place_body(np.array(state.motion), robot, body_of(row))
     return row
 
 
@@ -142,7 +142,7 @@ class FourWheelBodies:
         """Put robots that move as `plants` do into `state`."""
         robots = [plant.robot for plant in plants]
         self._robots = np.array([row_of(robot) for robot in robots], dtype=np.float64)
-        self._rows = np.array([_placed(state, r) for r in robots])
+        self._rows = np.array([_place_state(state, r) for r in robots])
         self._failed = np.full(len(robots), -1)
         self._now = np.zeros((len(robots), 2, SAMPLE_COLUMNS))
         for row, robot, now in zip(self._rows, robots, self._now, strict=True):

@@ -1,6 +1,6 @@
 """The friction laws of the thesis, and the force of a tyre of brushes, as functions of numbers.
 
-The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign` times friction and load, its
+The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign_of` times friction and load, its
 smooth form with an arctangent (Eq. 2.33-2.35), and the improved dry friction (Eq. 2.29-2.31). The
 arctangent's line about rest, called hyperviscous (Eq. 2.39, 2.40), is the friction of the linear
 model, which has it in its matrices.
@@ -24,7 +24,7 @@ from ssmr._jit import jit
 
 
 @jit
-def sign(x: float) -> float:
+def sign_of(x: float) -> float:
     """Return -1, 0 or 1."""
     if x > 0.0:
         return 1.0
@@ -107,7 +107,7 @@ def tyre_force(slip: AlongAcross, load: float, tyre: Tyre) -> AlongAcross:
 
 
 @jit
-def limited(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
+def limit_slip(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
     """Return a slip shortened to the greatest at which a part of the contact grips.
 
     Brushes bend no further.
@@ -117,7 +117,7 @@ def limited(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
 
 
 @jit
-def bend(
+def bend_brushes(
     slip: AlongAcross, sliding: AlongAcross, rolling: float, dt: float, tyre: Tyre
 ) -> AlongAcross:
     """Return the bend of the brushes over the relaxation length after a step `dt` [s].
@@ -133,7 +133,7 @@ def bend(
     kept = 1.0 - fading
     x = kept * slip.x + grown * sliding.x
     y = kept * slip.y + grown * sliding.y
-    return limited(AlongAcross(x, y), tyre)
+    return limit_slip(AlongAcross(x, y), tyre)
 
 
 @jit
@@ -167,4 +167,4 @@ def steady_bend(sliding: AlongAcross, rolling: float, tyre: Tyre) -> AlongAcross
     stretch = 1.0 / max(abs(rolling), 1e-9 * speed)
     lead = _damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
     steady = stretch - lead
-    return limited(AlongAcross(steady * sliding.x, steady * sliding.y), tyre)
+    return limit_slip(AlongAcross(steady * sliding.x, steady * sliding.y), tyre)

@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ssmr._jit import fused, jit
+from ssmr._jit import jit, multiply_add
 from ssmr.errors import ParameterError
 from ssmr.models.friction import improved_friction
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
-from ssmr.robot.drive import Sides, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import Sides, motor_torques, side_rates, side_thrusts
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ImprovedParameters:
             raise ParameterError(f"{numbers}: sliding would grip more than standing")
 
 
-def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
+def _pack_constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
     """Return the resistance of all wheels, at rest and in motion [N], and resisting moments.
 
     The latter are the greatest at rest and that in motion [N m] (Eq. 2.17, 2.19).
@@ -53,7 +53,7 @@ def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, flo
 
 
 @jit
-def active(
+def active_loads(
     v: float, w: float, wheels: Sides, integral: Sides, robot: PlanarRobot
 ) -> tuple[float, float, Sides]:
     """Return the active force [N] and moment [N m], and the torques of both sides [N m].
@@ -62,13 +62,15 @@ def active(
     """
     rates = side_rates(v, w, robot.vehicle)
     torque = motor_torques(wheels, integral, rates, robot.parameters.gain, robot.motor)
-    thrust = thrusts(torque, rates, robot.vehicle, robot.motor)
+    thrust = side_thrusts(torque, rates, robot.vehicle, robot.motor)
     moment = robot.vehicle.half_track * (thrust.right - thrust.left)
     return thrust.left + thrust.right, moment, torque
 
 
 @jit
-def slide(v: float, start: float, end: float, gain: float, static: float, dynamic: float) -> float:
+def slide_step(
+    v: float, start: float, end: float, gain: float, static: float, dynamic: float
+) -> float:
     """Return a velocity after a step of Heun's method.
 
     A velocity that reaches zero within the step stays there if friction at rest holds the active
@@ -84,7 +86,7 @@ def slide(v: float, start: float, end: float, gain: float, static: float, dynami
         dynamic: friction in motion, FDJ.
     """
     friction = improved_friction(start, static, dynamic, v)
-    slid: float = fused(0.5 * gain, end, v + gain * (0.5 * start + friction))
+    slid: float = multiply_add(0.5 * gain, end, v + gain * (0.5 * start + friction))
     holds = abs(start) <= static
     if slid < 0.0 < v or v < 0.0 < slid:  # not slid * v < 0: a product of tiny numbers is 0
         at_rest = improved_friction(start, static, dynamic, 0.0)
@@ -94,7 +96,7 @@ def slide(v: float, start: float, end: float, gain: float, static: float, dynami
 
 @jit
 def _break_away(start: float, end: float, gain: float, static: float, dynamic: float) -> float:
-    """Return the velocity after a step of what sticks at its start; for the arguments see `slide`.
+    """Return the velocity after a step of what sticks at its start; for the arguments see `slide_step`.
 
     The active force is linear in time, and motion begins where it exceeds stiction. This matters
     where friction falls at that instant; else waiting for the next step is of second order too.
@@ -111,7 +113,7 @@ def _break_away(start: float, end: float, gain: float, static: float, dynamic: f
 def advance(
     v: float, w: float, wheels: Sides, integral: Sides, disturbance: float, robot: PlanarRobot
 ) -> Advanced:
-    """Advance the velocities by one step of Heun's method on the active forces, see `slide`.
+    """Advance the velocities by one step of Heun's method on the active forces, see `slide_step`.
 
     It is of second order, whatever sticks, breaks away or stops within the step, so that motors at
     their limit, which take no lost velocity back, cost no more than others. A disturbing yaw
@@ -122,19 +124,21 @@ def advance(
     per_moved = robot.dt * vehicle.per_moved
     per_turned = robot.dt * vehicle.per_turned
     pushed = vehicle.turned * disturbance
-    force, moment, torque = active(v, w, wheels, integral, robot)
+    force, moment, torque = active_loads(v, w, wheels, integral, robot)
     moment += pushed
     friction = improved_friction(force, rolling, rolling, v)
     friction_moment = improved_friction(moment, sticking, skidding, w)
-    v_there = fused(per_moved, force + friction, v)
-    w_there = fused(per_turned, moment + friction_moment, w)
-    force_there, moment_there, _ = active(v_there, w_there, wheels, integral, robot)
+    v_there = multiply_add(per_moved, force + friction, v)
+    w_there = multiply_add(per_turned, moment + friction_moment, w)
+    force_there, moment_there, _ = active_loads(v_there, w_there, wheels, integral, robot)
     moment_there += pushed
-    v_next = slide(v, force, force_there, per_moved, rolling, rolling)
-    w_next = slide(w, moment, moment_there, per_turned, sticking, skidding)
+    v_next = slide_step(v, force, force_there, per_moved, rolling, rolling)
+    w_next = slide_step(w, moment, moment_there, per_turned, sticking, skidding)
     if w == 0.0 and abs(moment) <= sticking:
         w_next = _break_away(moment, moment_there, per_turned, sticking, skidding)
     return v_next, w_next, torque
 
 
-LAW = PlanarLaw("improved", ImprovedParameters, advance, constants=_constants, colour="#0072b2")
+LAW = PlanarLaw(
+    "improved", ImprovedParameters, advance, constants=_pack_constants, colour="#0072b2"
+)

@@ -66,7 +66,7 @@ class KinematicParameters:
         check_parameters(self)
 
 
-def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
+def _pack_constants(body: Any, parameters: Any, dt: float) -> tuple[float, float, float]:
     """Return the ways of both sides over their wheels' turn [m/rad], and 1 / (y_l - y_r) [1/m]."""
     p = parameters
     r = body.wheel_radius
@@ -103,7 +103,7 @@ LAW = PlanarLaw(
     KinematicParameters,
     advance,
     lambda vehicle, parameters: parameters.x_icr,
-    _constants,
+    _pack_constants,
     vehicle=("wheel_radius",),
     colour="#cc79a7",
     ideal=True,

@@ -125,7 +125,7 @@ def advance(
 
 
 @overload(advance, strict=False)
-def _choose(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot: Any) -> Any:
+def _choose_law(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot: Any) -> Any:
     """Choose the law when a loop is compiled.
 
     Every model gets a loop of its own, without a branch at run time.
@@ -139,4 +139,4 @@ def _choose(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot:
     return call
 
 
-advance.choice = _choose  # type: ignore[attr-defined]  # part of the cache's digest
+advance.choice = _choose_law  # type: ignore[attr-defined]  # part of the cache's digest

@@ -19,8 +19,8 @@ import numpy as np
 
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
-from ssmr.parameters import check_parameters, packed, parameter
-from ssmr.robot.drive import Sides, exact_step, motor_torques, side_rates, thrusts
+from ssmr.parameters import check_parameters, pack_numbers, parameter
+from ssmr.robot.drive import Sides, exact_step, motor_torques, side_rates, side_thrusts
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import FloatArray
 
@@ -56,7 +56,7 @@ LOAD_SUM = 4.0
 the module's text)."""
 
 
-def coefficients(body: Any, parameters: Any) -> tuple[float, float, float, float]:
+def rate_coefficients(body: Any, parameters: Any) -> tuple[float, float, float, float]:
     """Return loop and friction [1/s], loop_yaw [1/(m s)] and friction_yaw [1/s] of Eq. 2.46.
 
     A_22 = -(loop + friction), B_21 = loop; A_44 = -(loop_yaw c_eff + friction_yaw), B_42 = loop_yaw
@@ -78,7 +78,7 @@ def coefficients(body: Any, parameters: Any) -> tuple[float, float, float, float
     return loop, friction, loop_yaw, mass * g * k_y * c / turned
 
 
-def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, ...]:
+def _pack_constants(body: Any, parameters: Any, dt: float) -> tuple[float, ...]:
     """Return how the velocities change in a step `dt` [s], and what slows and drives them.
 
     Six numbers say the former, over the accelerations at its start. Four are for a robot whose
@@ -88,7 +88,7 @@ def _constants(body: Any, parameters: Any, dt: float) -> tuple[float, ...]:
     which friction slows both [1/s], and the gain on wheel rates that the loop's gain means
     [N m s/rad].
     """
-    loop, friction, loop_yaw, friction_yaw = coefficients(body, parameters)
+    loop, friction, loop_yaw, friction_yaw = rate_coefficients(body, parameters)
     left = body.per_radius_left**2
     right = body.per_radius_right**2
     both = 0.5 * body.wheel_radius**2 * (left + right)
@@ -121,7 +121,7 @@ def _exact_push(matrix: Sequence[Sequence[float]], dt: float) -> FloatArray:
     return np.asarray((modes * pushes) @ np.linalg.inv(modes))
 
 
-def matrices(
+def state_space_matrices(
     vehicle: Vehicle, parameters: LinearParameters, drive: Drive
 ) -> tuple[FloatArray, FloatArray]:
     """Return A (4, 4) and B (4, 2) of Eq. 2.46.
@@ -129,8 +129,8 @@ def matrices(
     The drive's half-track and radius turn the input into wheel speeds; in the thesis both are the
     vehicle's. Controllers are designed on a robot whose wheels have the mean radius on both sides.
     """
-    body = vehicle_body(packed(vehicle))
-    loop, friction, loop_yaw, friction_yaw = coefficients(body, packed(parameters))
+    body = vehicle_body(pack_numbers(vehicle))
+    loop, friction, loop_yaw, friction_yaw = rate_coefficients(body, pack_numbers(parameters))
     stretch = vehicle.wheel_radius / drive.command_radius
     a = np.zeros((4, 4))
     b = np.zeros((4, 2))
@@ -159,7 +159,7 @@ def advance(
     friction, friction_yaw, gain = robot.constants[6:]
     actual = side_rates(v, w, body)
     torque = motor_torques(wheels, integral, actual, gain, motor)
-    thrust = thrusts(torque, actual, body, motor)
+    thrust = side_thrusts(torque, actual, body, motor)
     dv = (thrust.left + thrust.right) * body.per_moved - friction * v
     turning = body.half_track * (thrust.right - thrust.left)
     dw = turning * body.per_turned - friction_yaw * w + disturbance
@@ -174,4 +174,4 @@ def advance(
     return v + v_step, w + w_step, torque
 
 
-LAW = PlanarLaw("linear", LinearParameters, advance, constants=_constants, colour="#009e73")
+LAW = PlanarLaw("linear", LinearParameters, advance, constants=_pack_constants, colour="#009e73")

@@ -33,7 +33,7 @@ import numpy as np
 
 from ssmr._jit import jit, jit_alone
 from ssmr.errors import ParameterError
-from ssmr.parameters import packed
+from ssmr.parameters import pack_numbers
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, is_finite_number
 
@@ -97,7 +97,7 @@ DRIVE_TEMPLATE = DriveNumbers(*(0.0,) * 8, *(0,) * 5)
 
 
 @jit
-def saturate(value: float, limit: float) -> float:
+def clip_to_limit(value: float, limit: float) -> float:
     """Clip to [-limit, limit]."""
     return min(max(value, -limit), limit)
 
@@ -115,9 +115,9 @@ def body_rates(left: Any, right: Any, half_track: float, radius: float) -> tuple
 
 
 @jit
-def ramp(reference: float, target: float, largest_change: float) -> float:
+def ramp_towards(reference: float, target: float, largest_change: float) -> float:
     """Move a reference towards its target by at most `largest_change`."""
-    return reference + saturate(target - reference, largest_change)
+    return reference + clip_to_limit(target - reference, largest_change)
 
 
 @jit
@@ -147,7 +147,7 @@ def held_value(
 
 
 @jit
-def follow(
+def follow_commands(
     values: FloatArray,
     step: int,
     drive: DriveNumbers,
@@ -170,8 +170,8 @@ def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: DriveS
 
     `share` is that of the drive, or 1 where nothing lags.
     """
-    v = ramp(last.v, saturate(v, drive.v_max), drive.change_v)
-    w = ramp(last.w, saturate(w, drive.w_max), drive.change_w)
+    v = ramp_towards(last.v, clip_to_limit(v, drive.v_max), drive.change_v)
+    w = ramp_towards(last.w, clip_to_limit(w, drive.w_max), drive.change_w)
     left = (v - drive.half_track * w) * drive.per_radius
     right = (v + drive.half_track * w) * drive.per_radius
     if share < 1.0:
@@ -181,7 +181,7 @@ def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: DriveS
 
 
 @jit_alone
-def rolling(wheels: Sides, drive: DriveNumbers) -> DriveState:
+def rolling_references(wheels: Sides, drive: DriveNumbers) -> DriveState:
     """Return the references before the driver's first step, for the wheels' rates [rad/s]."""
     v, w = body_rates(wheels.left, wheels.right, drive.half_track, drive.radius)
     return DriveState(v, w, wheels.left, wheels.right)
@@ -202,7 +202,7 @@ def continue_references(
     """
     held = last
     for k in range(len(out)):
-        held = follow(values, first + k, drive, before, held)
+        held = follow_commands(values, first + k, drive, before, held)
         out[k, 0] = held.left
         out[k, 1] = held.right
     return held
@@ -217,7 +217,7 @@ def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
     Raises:
         ValueError: the hold or the command period is no whole number of steps.
     """
-    d = packed(drive)
+    d = pack_numbers(drive)
     return DriveNumbers(
         v_max=d.v_max,
         w_max=d.w_max,
@@ -261,14 +261,14 @@ def reference_chunks(
             yield commands.values[step // period]
         return
     numbers = drive_numbers(drive, commands.dt, dt)
-    held = rolling(_wheels(state), numbers)
+    held = rolling_references(_wheel_rates(state), numbers)
     for first in range(0, steps, size):
         out = np.empty((min(size, steps - first), 2))
         held = continue_references(commands.values, numbers, commands.before, held, first, out)
         yield out
 
 
-def _wheels(state: State) -> Sides:
+def _wheel_rates(state: State) -> Sides:
     return Sides(float(state.wheel_left), float(state.wheel_right))
 
 
@@ -294,7 +294,7 @@ class Driver:
             raise ValueError(f"state is {reprlib.repr(state)}, must be a State")
         self._drive = drive_numbers(drive, dt, dt)  # one command a physics step
         self._samples = np.empty((0, 2))
-        self._last = rolling(_wheels(state), self._drive)
+        self._last = rolling_references(_wheel_rates(state), self._drive)
 
     def references(self, command: tuple[float, float], n: int) -> FloatArray:
         """Return the (n, 2) references of the next `n` steps, while `command` is held.
@@ -340,7 +340,7 @@ class Motor(NamedTuple):
 @lru_cache(maxsize=64)
 def motor_numbers(drive: Drive, dt: float) -> Motor:
     """Return the numbers of a drive's motors for physics steps `dt` [s]."""
-    d = packed(drive)
+    d = pack_numbers(drive)
     limit = 2.0 * d.torque_limit
     # an infinite no-load rate gives 0
     braking = 0.0 if math.isinf(limit) else limit / d.no_load_rate
@@ -374,8 +374,8 @@ def side_torque(
         torque += integral
     if motor.braking > 0.0:
         back = motor.braking * actual
-        return saturate(torque + back, motor.limit) - back
-    return saturate(torque, motor.limit)
+        return clip_to_limit(torque + back, motor.limit) - back
+    return clip_to_limit(torque, motor.limit)
 
 
 @jit
@@ -397,12 +397,12 @@ def motor_torques(
 def gear_loss(rate: float, motor: Motor) -> float:
     """Return the torque that a side's gear takes at a wheel rate [N m]; it has the rate's sign."""
     if motor.gear_loss > 0.0:
-        return motor.gear_loss * saturate(rate * _PER_DRY_RATE, 1.0)
+        return motor.gear_loss * clip_to_limit(rate * _PER_DRY_RATE, 1.0)
     return 0.0
 
 
 @jit
-def thrusts(torque: Sides, actual: Sides, vehicle: Any, motor: Motor) -> Sides:
+def side_thrusts(torque: Sides, actual: Sides, vehicle: Any, motor: Motor) -> Sides:
     """Return the forces [N] of both sides on the ground, as if wheels had no inertia."""
     left = torque.left - gear_loss(actual.left, motor)
     right = torque.right - gear_loss(actual.right, motor)
@@ -415,7 +415,7 @@ def advance_integral(integral: float, error: float, motor: Motor) -> float:
 
     The step is exact for a constant rate error, here the mean one [rad/s].
     """
-    return saturate(integral + (motor.leaked * integral + motor.gained * error), motor.limit)
+    return clip_to_limit(integral + (motor.leaked * integral + motor.gained * error), motor.limit)
 
 
 @jit

@@ -34,7 +34,7 @@ _STILL = 1e-9  # wheels that slide by less, over their scale, do not slide
 _SHARP, _NOTHING = 1e-12, 1e-9  # least ripple, and what lies beyond an edge by less lies on it [A]
 
 
-def grip(slip: FloatArray | float, scale: float) -> FloatArray:
+def grip_share(slip: FloatArray | float, scale: float) -> FloatArray:
     """Return the share of the friction limit at which a contact pushes, from 0 to almost 1.
 
     Args:
@@ -50,7 +50,7 @@ def side_forces(rates: FloatArray, vehicle: Vehicle, scale: float) -> FloatArray
     They are shares of mu N of a side. The arguments are those of `_quasi_static_twist`.
     """
     twist = _quasi_static_twist(rates, vehicle, scale)
-    ahead, pull = _slides(rates, twist, vehicle, scale)
+    ahead, pull = _sliding_speeds(rates, twist, vehicle, scale)
     return ahead * pull
 
 
@@ -66,7 +66,7 @@ def _quasi_static_twist(rates: FloatArray, vehicle: Vehicle, scale: float) -> Fl
     Args:
         rates: (2, n) steady rates of the left and right wheels [rad/s].
         vehicle: sizes of the robot, whose weight is in the middle.
-        scale: s_0 of `grip` [1].
+        scale: s_0 of `grip_share` [1].
 
     Raises:
         ValueError: the scale is not positive.
@@ -79,7 +79,7 @@ def _quasi_static_twist(rates: FloatArray, vehicle: Vehicle, scale: float) -> Fl
     still = np.zeros_like(spin)
     twist = np.stack([rim.mean(axis=0), still, 0.5 * spin])
     for _ in range(_STEPS):
-        _, pull = _slides(rates, twist, vehicle, scale)
+        _, pull = _sliding_speeds(rates, twist, vehicle, scale)
         both = pull.sum(axis=0)
         turning = track**2 * pull.prod(axis=0) / both  # one side pulls the other round ...
         resisting = vehicle.a**2 * both  # ... and all four slide across
@@ -93,7 +93,7 @@ def _quasi_static_twist(rates: FloatArray, vehicle: Vehicle, scale: float) -> Fl
     return twist
 
 
-def _slides(
+def _sliding_speeds(
     rates: FloatArray, twist: FloatArray, vehicle: Vehicle, scale: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return (2, n) speeds at which both rims slide ahead, and their force over sliding speed."""
@@ -103,7 +103,7 @@ def _slides(
     gives = scale * (np.abs(rim) + CREEP)
     slide = np.hypot(ahead, vehicle.a * twist[2])
     slip = np.maximum(slide / gives, _STILL)
-    return ahead, grip(slip, 1.0) / (slip * gives)
+    return ahead, grip_share(slip, 1.0) / (slip * gives)
 
 
 def bridge_reading(
@@ -118,12 +118,14 @@ def bridge_reading(
     """
     forward = np.where(rate < 0.0, -1.0, 1.0) * current  # positive if it drives the wheel
     braking = np.abs(rate) / rho  # up to this the wheel drives the motor
-    ahead, share_ahead = _beyond(forward, np.zeros_like(braking), ripple)
-    back, share_back = _beyond(-forward, braking, ripple)
+    ahead, share_ahead = _mean_above_edge(forward, np.zeros_like(braking), ripple)
+    back, share_back = _mean_above_edge(-forward, braking, ripple)
     return ahead + back + idle * (1.0 - share_ahead - share_back)
 
 
-def _beyond(mean: FloatArray, edge: FloatArray, ripple: float) -> tuple[FloatArray, FloatArray]:
+def _mean_above_edge(
+    mean: FloatArray, edge: FloatArray, ripple: float
+) -> tuple[FloatArray, FloatArray]:
     """Return the mean of a normal law above an edge, times its share, and that share."""
     from scipy.special import ndtr  # here: it takes long to import
 

@@ -12,7 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.geometry import compose, invert, rotate_body_to_world, rotate_world_to_body, shift_state
+from ssmr.geometry import (
+    compose_poses,
+    invert_pose,
+    rotate_body_to_world,
+    rotate_world_to_body,
+    shift_state,
+)
 from ssmr.parameters import check_parameters, parameter
 from ssmr.types import FloatArray, State, Trajectory
 
@@ -56,7 +62,7 @@ class Localiser:
 
     def body_pose(self, seen: ArrayLike) -> FloatArray:
         """Return (..., 3) poses of the body from those of the tracked frame."""
-        return compose(seen, invert((*self.point, self.tracked_yaw)))
+        return compose_poses(seen, invert_pose((*self.point, self.tracked_yaw)))
 
     def body_twist(self, seen: ArrayLike) -> FloatArray:
         """Return (..., 3) twists v_x, v_y, yaw rate of the body from those of the tracked frame."""
@@ -67,7 +73,7 @@ class Localiser:
 
     def seen_pose(self, body: ArrayLike) -> FloatArray:
         """Return (..., 3) poses of the tracked frame from those of the body."""
-        return compose(body, (*self.point, self.tracked_yaw))
+        return compose_poses(body, (*self.point, self.tracked_yaw))
 
     def logged_poses(
         self, body: FloatArray, period: float, t: FloatArray | None = None

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit, source
-from ssmr.parameters import check_parameters, numbers_of, packed, parameter, require_in_range
+from ssmr._jit import jit, python_source
+from ssmr.parameters import check_parameters, numbers_of, pack_numbers, parameter, require_in_range
 from ssmr.robot.drive import Sides
 from ssmr.types import FloatArray, IndexArray, Trajectory
 
@@ -51,7 +51,7 @@ def measure(
     a second [Hz]; between them the last value is held (zero-order hold, Sec. 3.4.6). Stamps,
     lateral speed, wheels and channels stay as they were.
     """
-    tick = _ticks(trajectory.t, rate)
+    tick = _sample_periods(trajectory.t, rate)
     source = np.searchsorted(tick, tick, side="left")  # the first sample of each tick
     draws = rng.standard_normal((int(tick[-1]) + 1, 5))[tick]
     deviations = np.sqrt([noise.x, noise.y, noise.yaw, noise.v_x, noise.yaw_rate])
@@ -61,7 +61,7 @@ def measure(
     return Trajectory(trajectory.t, pose, twist, trajectory.wheels, trajectory.channels)
 
 
-def _ticks(t: FloatArray, rate: float) -> IndexArray:
+def _sample_periods(t: FloatArray, rate: float) -> IndexArray:
     """Return the number of the sample period, at a rate [Hz], of each of (M,) instants [s]."""
     if not rate > 0.0:
         raise ValueError(f"the sample rate must be positive, got {rate} Hz")
@@ -125,7 +125,7 @@ SensorNumbers = numbers_of(SensorModel)
 
 
 @jit
-def sense(
+def sense_rates(
     t: float, wheels: Sides, yaw_rate: float, draws: tuple[float, float, float], noise: Any
 ) -> SensorLog:
     """Return the readings of encoders and gyro for true rates of wheels and body [rad/s] at `t`.
@@ -157,12 +157,12 @@ def simulate_sensors(
     Raises:
         ValueError: a rate that is not positive.
     """
-    tick = _ticks(trajectory.t, rate)
+    tick = _sample_periods(trajectory.t, rate)
     first = np.unique(tick, return_index=True)[1]
     wheels = Sides(*trajectory.wheels[first].T)
     yaw_rate = trajectory.twist[first, 2]
     draws = rng.standard_normal((len(first), 3)).T
-    errors = packed(model or SensorModel())
-    on_arrays: Any = source(sense)
+    errors = pack_numbers(model or SensorModel())
+    on_arrays: Any = python_source(sense_rates)
     log: SensorLog = on_arrays(trajectory.t[first], wheels, yaw_rate, draws, errors)
     return log

@@ -208,8 +208,8 @@ class Jde:
         descent = (
             self.settings.slope * self.generation / self.settings.generations
         )  # ng - 1 are complete
-        f = adapt(self._f, rows[0:2], F_BOUNDS, descent)
-        cr = adapt(self._cr, rows[2:4], CR_BOUNDS, descent)
+        f = adapt_settings(self._f, rows[0:2], F_BOUNDS, descent)
+        cr = adapt_settings(self._cr, rows[2:4], CR_BOUNDS, descent)
         first = (rows[4] * n).astype(np.intp)
         best = self._population[self._best]
         donors = _mutate_population(self._population, best, f, _distinct_partners(rows[5:]))
@@ -232,7 +232,7 @@ class Jde:
         new_costs = np.asarray(costs, dtype=np.float64)
         if new_costs.shape != self._costs.shape:
             raise ValueError(f"costs have shape {new_costs.shape}, wanted {self._costs.shape}")
-        won = replaces(new_costs, self._costs)
+        won = trial_replaces_parent(new_costs, self._costs)
         self._costs = np.where(won, new_costs, self._costs)
         if self._history:
             self._population = np.where(won[:, np.newaxis], self._trials, self._population)
@@ -306,7 +306,7 @@ _ARRAYS = ("population", "costs", "f", "cr", "trials", "trial_f", "trial_cr")
 """Arrays that a search is made of, besides its history and its random generator."""
 
 
-def adapt(
+def adapt_settings(
     values: FloatArray, draws: FloatArray, bounds: tuple[float, float], descent: float
 ) -> FloatArray:
     """Return (S,) F or CR of the trials: drawn anew with probability tau, else lowered.
@@ -381,6 +381,6 @@ def _binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> NDAr
     return mask
 
 
-def replaces(trial_costs: FloatArray, parent_costs: FloatArray) -> NDArray[np.bool_]:
+def trial_replaces_parent(trial_costs: FloatArray, parent_costs: FloatArray) -> NDArray[np.bool_]:
     """(S,) whether each trial replaces its parent: it does if its cost is finite and not worse."""
     return np.isfinite(trial_costs) & (trial_costs <= parent_costs)

@@ -66,7 +66,9 @@ class Parameter:
             raise ValueError(f"{self.name} is searched on a logarithmic scale; {bound}")
 
 
-def declared(declaration: Declaration, bounds: tuple[float, float] | None = None) -> Parameter:
+def declared_parameter(
+    declaration: Declaration, bounds: tuple[float, float] | None = None
+) -> Parameter:
     """Return a declared number as a parameter of a search, with its declared bounds or with others.
 
     Raises:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import tomli_w
 
-from ssmr.parameters import declaration
+from ssmr.parameters import declaration_of
 from ssmr.types import FloatArray
 from validation import output
 from validation.descriptions.foreign_robot import LEAST_MASS, ForeignRobot, read_foreign
@@ -69,7 +69,7 @@ class RobotDraft(NamedTuple):
 def unit_of_key(key: str) -> str:
     """Return the unit of a number of a robot's file, `section.key`; empty for a text."""
     section, _, name = key.partition(".")
-    declared = declaration(SECTIONS[section][name])
+    declared = declaration_of(SECTIONS[section][name])
     return _UNITS_OF_LISTS.get(name, "") if declared is None else declared.unit
 
 

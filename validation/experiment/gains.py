@@ -20,14 +20,14 @@ import tomli_w
 from msgspec import Meta
 
 from ssmr.control.laws import LAWS
-from ssmr.parameters import described, require_one_of
+from ssmr.parameters import describe_parameters, require_one_of
 from validation import output
 from validation.files import reading
 from validation.output import Document
 
 SCHEMA = "ssmr.gains/1"
 FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {c: tuple(described(law.gains)) for c, law in LAWS.items()}
+    {c: tuple(describe_parameters(law.gains)) for c, law in LAWS.items()}
 )
 """Names of the gains of each controller."""
 DEFAULT = "default"

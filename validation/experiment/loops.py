@@ -18,7 +18,7 @@ from ssmr.control.mission import PythonController
 from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.models.four_wheel_plant import FourWheelPlant
-from ssmr.models.linear import matrices
+from ssmr.models.linear import state_space_matrices
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, Plant, State
@@ -114,7 +114,7 @@ def make_controller(profile: Profile, gains: GainSet) -> AnyController:
         ValueError: the gains are refused.
     """
     linear = profile.plants["linear"]
-    a, b = matrices(linear.vehicle, linear.parameters, linear.drive)
+    a, b = state_space_matrices(linear.vehicle, linear.parameters, linear.drive)
     return design(gains.controller, gains.values, a, b, linear.drive)
 
 
@@ -154,7 +154,7 @@ def chosen_controller(
             raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
         name, make = load_user_law(controller)
         linear = profile.plants["linear"]
-        system = matrices(linear.vehicle, linear.parameters, linear.drive)
+        system = state_space_matrices(linear.vehicle, linear.parameters, linear.drive)
         a, b = (tuple(map(tuple, m.tolist())) for m in system)
         return PythonController(name, make, a, b, linear.drive), None
     if not isinstance(gains, GainSet):

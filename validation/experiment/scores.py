@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from ssmr.geometry import relative, wrap_angle
+from ssmr.geometry import relative_pose, wrap_angle
 from ssmr.metrics.bands import Band, estimated_band, interval_score
 from ssmr.metrics.declared import Metrics
 from ssmr.metrics.windows import (
@@ -183,7 +183,7 @@ def signed_windows(
             continue
         p = motion.pose
         q = piece.reference.pose
-        error = relative(p[i], p[j]) - relative(q[i], q[j])
+        error = relative_pose(p[i], p[j]) - relative_pose(q[i], q[j])
         if piece.headings is not None:
             error[:, 2] = p[j, 2] - p[i, 2] - (piece.headings[j] - piece.headings[i])
         error[:, 2] = wrap_angle(error[:, 2])

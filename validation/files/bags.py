@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.geometry import integral, rotate_body_to_world, rotate_world_to_body
+from ssmr.geometry import integrate_rates, rotate_body_to_world, rotate_world_to_body
 from ssmr.types import FloatArray
 from validation.files import guarded
 from validation.files.clocks import Timed, on_one_clock
@@ -300,7 +300,7 @@ def _in_the_body(topic: Topic) -> tuple[Topic, str]:
     ends = np.searchsorted(topic.t, np.arange(topic.t[0], topic.t[-1], _SPAN_S))
     moved = np.diff(np.column_stack([columns["x"], columns["y"]])[ends], axis=0)
     as_body, as_world = (
-        float(np.sum(np.abs(np.diff(integral(topic.t, velocity)[ends], axis=0) - moved)))
+        float(np.sum(np.abs(np.diff(integrate_rates(topic.t, velocity)[ends], axis=0) - moved)))
         for velocity in (rotate_body_to_world(speed, yaw), speed)
     )
     if np.ptp(yaw) < _TURNED or as_world > _MUCH_BETTER * as_body:

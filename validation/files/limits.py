@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.parameters import check_parameters, described, parameter
+from ssmr.parameters import check_parameters, describe_parameters, parameter
 from ssmr.types import FloatArray
 
 _BUNCHED = 1e-4
@@ -60,7 +60,7 @@ class LogLimits:
         Raises:
             ValueError: there is no limit of that name, or a value is not positive.
         """
-        limits = described(LogLimits)
+        limits = describe_parameters(LogLimits)
         for name in values:
             if name not in limits:
                 raise ValueError(f"unknown limit '{name}'; there are: {', '.join(limits)}")
@@ -68,7 +68,7 @@ class LogLimits:
 
     def says(self, name: str) -> str:
         """Return the words for a limit in messages: `the limit span is 864000 s`."""
-        unit = described(LogLimits)[name].unit
+        unit = describe_parameters(LogLimits)[name].unit
         words = f"the limit {name} is {getattr(self, name):g}"
         return words if unit == "1" else f"{words} {unit}"
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr._jit import source
+from ssmr._jit import python_source
 from ssmr.estimation.settings import EkfSettings
-from ssmr.geometry import integral
+from ssmr.geometry import integrate_rates
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
 from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
@@ -78,7 +78,7 @@ def motion_by_sensor(
     turns = {sensor: rates[name] for sensor, name in _TURNS.items() if name in rates}
     if {*ENCODERS} <= rates.keys():
         left, right = (rates[name] for name in ENCODERS)
-        of_wheels = source(body_rates)(left, right, STOCK.half_track, STOCK.radius)
+        of_wheels = python_source(body_rates)(left, right, STOCK.half_track, STOCK.radius)
         speeds["wheels"], turns["wheels"] = of_wheels
     if {*POSE_COLUMNS, "heading"} <= rates.keys():
         heading = rates["heading"]
@@ -124,7 +124,7 @@ def ways_of(group: Group) -> dict[str, Way]:
         elif name in RATES:
             new = refreshed(group.t, column)
             t = new_samples(new, group.t)
-            ways[name] = t, integral(t, new_samples(new, values))
+            ways[name] = t, integrate_rates(t, new_samples(new, values))
     return ways
 
 

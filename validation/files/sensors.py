@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.geometry import integral
+from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray
 from validation.files.columns import POSE_COLUMNS
 from validation.files.log import Group, Log
@@ -173,7 +173,7 @@ class Signals:
             return None
         told = self.told[sensor]
         name = "gyro_z" if sensor == "imu" else sensor
-        return turns_of(self.ways["yaw"], (told.t, integral(told.t, told.turn)), name)
+        return turns_of(self.ways["yaw"], (told.t, integrate_rates(told.t, told.turn)), name)
 
 
 # ------------------------------------------------------------------------------------------ windows

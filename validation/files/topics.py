@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.geometry import compose
+from ssmr.geometry import compose_poses
 from ssmr.types import MOTOR_COLUMNS, TORQUES, FloatArray
 from validation.files.circular import circular
 from validation.files.columns import BESIDE_MOTION, POSE_COLUMNS, WHEEL_SIDES, side_of, trust_in
@@ -255,7 +255,7 @@ def _composed(above: Topic, below: Topic, name: str) -> Topic:
         x, y, yaw = (topic.columns[name] for name in POSE_COLUMNS)
         parts = [np.interp(often.t, topic.t, each) for each in (x, y, np.unwrap(yaw))]
         poses.append(np.column_stack(parts))
-    columns = dict(zip(POSE_COLUMNS, compose(*poses).T, strict=True))
+    columns = dict(zip(POSE_COLUMNS, compose_poses(*poses).T, strict=True))
     return replace(often, name=name, columns=columns, remark="", fault="")
 
 

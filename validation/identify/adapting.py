@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from ssmr.geometry import compose, relative
+from ssmr.geometry import compose_poses, relative_pose
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gyro import with_gyro
 from validation.experiment.sources import Piece, Source, source_of
@@ -166,7 +166,9 @@ def _together(t: FloatArray, parts: Sequence[tuple[float, Trajectory]]) -> Traje
         k = int(np.searchsorted(t, begin))
         # the last pose before the change stands for both
         if 0 < k < len(t):
-            pose[k:] = compose(pose[k - 1], relative(motion.pose[k - 1], motion.pose[k:]))
+            pose[k:] = compose_poses(
+                pose[k - 1], relative_pose(motion.pose[k - 1], motion.pose[k:])
+            )
             twist[k:] = motion.twist[k:]
         elif k == 0:
             pose = motion.pose.copy()

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from ssmr._jit import jit_alone, share_among_threads
-from ssmr.geometry import relative, wrap_angle
+from ssmr.geometry import relative_pose, wrap_angle
 from ssmr.metrics.paths import one_sided_kernel, path_length
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.parameters import require_within
@@ -312,7 +312,7 @@ class _HorizonRater(Rater):
         weights = []
         for (starts, _), count in zip(windows, counts, strict=True):
             weights.append(np.full(len(starts), 1.0 / (count * len(windows))))
-        self._moved = relative(truth.pose[self._starts], truth.pose[self._ends])
+        self._moved = relative_pose(truth.pose[self._starts], truth.pose[self._ends])
         # a gyro may judge turns better than the poses do
         heading = truth.yaw if piece.headings is None else piece.headings
         self._moved[:, 2] = heading[self._ends] - heading[self._starts]
@@ -327,8 +327,8 @@ class _HorizonRater(Rater):
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the errors of the relative pose over each window, see `Rater.errors`."""
-        moved = relative(poses[:, self._starts], poses[:, self._ends])
-        error = relative(np.broadcast_to(self._moved, moved.shape), moved)
+        moved = relative_pose(poses[:, self._starts], poses[:, self._ends])
+        error = relative_pose(np.broadcast_to(self._moved, moved.shape), moved)
         return error[..., :2], wrap_angle(error[..., 2])
 
     def pose_cost(self, poses: FloatArray, workers: int) -> FloatArray:

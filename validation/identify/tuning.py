@@ -23,8 +23,8 @@ from ssmr.metrics.paths import (
     path_length,
 )
 from ssmr.models.four_wheel_plant import FourWheelPlant
-from ssmr.parameters import MOST_SEED, described, require_one_of, require_within
-from ssmr.search.space import ParameterSpace, declared
+from ssmr.parameters import MOST_SEED, describe_parameters, require_one_of, require_within
+from ssmr.search.space import ParameterSpace, declared_parameter
 from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gains import GainSet
@@ -158,7 +158,9 @@ def make_tuning_space(
             sense or leave out the start.
     """
     law = LAWS[controller]
-    searchable = {name: d for name, d in described(law.gains).items() if d.search is not None}
+    searchable = {
+        name: d for name, d in describe_parameters(law.gains).items() if d.search is not None
+    }
     if free is None:
         free = law.searched
         if everything:
@@ -170,7 +172,7 @@ def make_tuning_space(
             raise ValueError(f"bounds are given for {name}, which is not free")
     parameters = []
     for name in names:
-        parameter = declared(searchable[name], bounds.get(name))
+        parameter = declared_parameter(searchable[name], bounds.get(name))
         value = parameter.lower if start is None else start[name]
         # gains to begin with may lie outside the default bounds
         if not parameter.lower <= value <= parameter.upper:

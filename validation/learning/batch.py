@@ -18,7 +18,14 @@ from ssmr.control.law import Observation
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.control.tick import SPINNING
 from ssmr.control.waypoints import Target, position_errors
-from ssmr.robot.drive import DRIVE_TEMPLATE, DriveState, Sides, drive_numbers, follow, rolling
+from ssmr.robot.drive import (
+    DRIVE_TEMPLATE,
+    DriveState,
+    Sides,
+    drive_numbers,
+    follow_commands,
+    rolling_references,
+)
 from ssmr.types import FloatArray
 from validation.learning.episodes import AHEAD_TICKS, ERRORS, EpisodeSource, TrackTask
 from validation.output import shortened
@@ -65,7 +72,7 @@ def _plan_ticks(
         held = named_like(_DRIVEN, rows.held[i])
         before = (rows.before[i, 0], rows.before[i, 1])
         for n in range(references.shape[1]):
-            held = follow(commands, k * drive.period + n, drive, before, held)
+            held = follow_commands(commands, k * drive.period + n, drive, before, held)
             references[j, n, 0] = held.left
             references[j, n, 1] = held.right
         write_numbers(rows.held[i], 0, 1, held)
@@ -291,7 +298,7 @@ class TrackBatch:
             rows.drives[i] = numbers
             rows.ticks[i] = 0
             wheels = Sides(start.wheel_left, start.wheel_right)
-            rows.held[i] = rolling(wheels, numbers)
+            rows.held[i] = rolling_references(wheels, numbers)
             rows.before[i] = (start.v_x, 0.0)
             rows.targets[i, : len(targets)] = targets
             rows.noise[i, : len(noise)] = noise

@@ -11,7 +11,7 @@ import numpy as np
 
 from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import Band
-from ssmr.parameters import described
+from ssmr.parameters import describe_parameters
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import TORQUES, Commands, FloatArray, Plant, State, Trajectory
@@ -173,7 +173,7 @@ class PlantKind:
     """Colour in pictures and recordings, as #rrggbb."""
     vehicle: tuple[str, ...] = ()
     """Fields of the vehicle that a fit may move."""
-    drive: tuple[str, ...] = tuple(described(Drive))
+    drive: tuple[str, ...] = tuple(describe_parameters(Drive))
     """Fields of the drive that a fit may move."""
     together: Callable[[Sequence[PlantProfile | None], int], Population] | None = None
     """Function that prepares candidates for one compiled loop, which drives them on a number of

@@ -14,7 +14,7 @@ from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import planar_law
-from ssmr.parameters import described
+from ssmr.parameters import describe_parameters
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray
@@ -93,7 +93,7 @@ def defaults(kind: type, robot: Robot) -> Any:
         "half_track": vehicle.effective_half_track / thesis.effective_half_track,
     }
     scaled = {}
-    for name, declared in described(kind).items():
+    for name, declared in describe_parameters(kind).items():
         sizes = [size for size in declared.of if size in ratios]
         if sizes:
             scaled[name] = getattr(numbers, name) * ratios[sizes[0]]
@@ -159,7 +159,9 @@ def declare(name: str) -> PlantKind:
             torques=True,
         )
     law = planar_law(name)
-    searched = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
+    searched = tuple(
+        n for n, d in describe_parameters(law.parameters).items() if d.search is not None
+    )
     free: Free = {
         "scenario": (*searched, *_READ_OFF),
         "commands": (
@@ -172,7 +174,7 @@ def declare(name: str) -> PlantKind:
         ),
         "wheels": (*_ROLLING, "tracked_y", *SEEN),
     }
-    drive = tuple(n for n in described(Drive) if n not in _MOTOR or not law.ideal)
+    drive = tuple(n for n in describe_parameters(Drive) if n not in _MOTOR or not law.ideal)
     return PlantKind(
         name,
         law.parameters,

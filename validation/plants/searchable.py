@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ssmr.parameters import described, require_one_of
+from ssmr.parameters import describe_parameters, require_one_of
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.search.space import Parameter, ParameterSpace
@@ -21,7 +21,7 @@ from validation.plants.kind import PARTS, PlantProfile
 from validation.plants.table import plant_kind
 from validation.simulator.description import Robot
 
-_DELAY = described(Drive)["delay_v"].search or (0.0, 0.0)
+_DELAY = describe_parameters(Drive)["delay_v"].search or (0.0, 0.0)
 _BOTH_DELAYS = Parameter(
     "delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")
 )
@@ -33,7 +33,7 @@ def _declared(
 ) -> tuple[Parameter, ...]:
     """Return the numbers of one part of a plant that have finite default bounds."""
     out = []
-    for name, d in described(kind).items():
+    for name, d in describe_parameters(kind).items():
         bounds = d.bounds(robot.sizes)
         # the bounds of a limit that is off for this robot are infinite
         if name in allowed and bounds is not None and all(map(math.isfinite, bounds)):
@@ -66,11 +66,11 @@ def searchable(plant: str, robot: Robot) -> tuple[Parameter, ...]:
     if kind.torques:
         drive = tuple(map(_followed, drive))
     return (
-        *_declared("parameters", kind.parameters, described(kind.parameters), robot),
+        *_declared("parameters", kind.parameters, describe_parameters(kind.parameters), robot),
         *_declared("vehicle", Vehicle, kind.vehicle, robot),
         *drive,
         _BOTH_DELAYS,
-        *_declared("localiser", Localiser, described(Localiser), robot),
+        *_declared("localiser", Localiser, describe_parameters(Localiser), robot),
     )
 
 

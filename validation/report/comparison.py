@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ssmr.geometry import compose, relative, rotate_body_to_world
+from ssmr.geometry import compose_poses, relative_pose, rotate_body_to_world
 from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.scores import HEADLINE_HORIZON
@@ -133,7 +133,7 @@ class Comparison(Motions):
         curves = list[Curve]()
         ends = {}
         for track in self.drawn:
-            path = relative(track.pose[a], track.pose[a : b + 1])
+            path = relative_pose(track.pose[a], track.pose[a : b + 1])
             curves.append((path[:, 0], path[:, 1], self.look_of(track)))
             ends[track.name] = path[-1]
             self._draw_band(track, window, np.zeros(3), ax)
@@ -151,7 +151,7 @@ class Comparison(Motions):
         a, b = window
         ends = np.searchsorted(track.t, np.arange(track.t[b], track.t[a], -1.0))
         covariance = scores.band.covariance(track.pose, np.full(len(ends), a), ends)
-        middles = compose(at, relative(track.pose[a], track.pose[ends]))[:, :2]
+        middles = compose_poses(at, relative_pose(track.pose[a], track.pose[ends]))[:, :2]
         axes = rotate_body_to_world(np.eye(2), at[2]).T
         reach = scores.band.reach_position
         for middle, one in zip(middles, covariance, strict=True):

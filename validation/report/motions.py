@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ssmr.metrics.declared import METRICS, SIGNALS, Metric
-from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, corrected
+from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, correct_by_holm
 from ssmr.metrics.windows import (
     EVERY_S,
     SHORTEST_BLOCK_S,
@@ -422,7 +422,7 @@ def indistinguishable_pairs(scores: ScoresByPlant, gyro_first: bool = False) -> 
             times = EVERY_S * np.arange(len(errors[a]))
             chances.append(chance_of_difference(errors[a], errors[b], times, block))
         medians = {name: float(np.median(values)) for name, values in errors.items()}
-        for pair, chance in zip(pairs, corrected(chances).tolist(), strict=True):
+        for pair, chance in zip(pairs, correct_by_holm(chances).tolist(), strict=True):
             if chance < SIGNIFICANCE:
                 better.append(sorted(pair, key=medians.__getitem__))
             else:

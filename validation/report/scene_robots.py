@@ -12,7 +12,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from ssmr.geometry import integral, relative, wrap_angle
+from ssmr.geometry import integrate_rates, relative_pose, wrap_angle
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.descriptions.loading import load_robot
@@ -122,12 +122,12 @@ class Track:
     @property
     def turns(self) -> FloatArray:
         """(M, 2) turns of the left and right wheels since their piece began [rad]."""
-        return np.concatenate([integral(p.t, p.wheels) for p in self.pieces])
+        return np.concatenate([integrate_rates(p.t, p.wheels) for p in self.pieces])
 
     @cached_property
     def seen(self) -> FloatArray:
         """(M, 3) poses seen from the reference's robot [m, m, rad]."""
-        return relative((self.reference or self).pose, self.pose)
+        return relative_pose((self.reference or self).pose, self.pose)
 
     @cached_property
     def errors(self) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ from ssmr.control.loop import ClosedRun
 from ssmr.control.waypoints import ALPHA_SWITCH, step_lengths
 from ssmr.errors import SsmrError
 from ssmr.estimation.settings import EkfSettings
-from ssmr.geometry import relative, wrap_angle
+from ssmr.geometry import relative_pose, wrap_angle
 from ssmr.metrics.declared import Metrics
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gains import GainSet
@@ -276,7 +276,7 @@ class Tracked(DrivenRobots):
         curves: list[Curve] = [(begin, np.full(2, goal * unit.scale), REFERENCE_LOOK)]
         for track, r in zip(self.drawn[1:], self.robots, strict=True):
             aim = r.run.columns("target_x", "target_y", "target_yaw")
-            x, y, yaw = relative(r.run.columns("x", "y", "yaw"), aim).T
+            x, y, yaw = relative_pose(r.run.columns("x", "y", "yaw"), aim).T
             near = np.hypot(x, y) <= ALPHA_SWITCH
             errors = {"e_rho": x, "e_y": y, "e_alpha": np.where(near, wrap_angle(yaw), 0.0)}
             curves.append((r.run.t, unit.scale * errors[name], self.look_of(track)))

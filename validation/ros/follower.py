@@ -38,7 +38,7 @@ from ssmr.control.predictor import (
 from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, Clock, record
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
-from ssmr.geometry import compose, invert, wrap_angle
+from ssmr.geometry import compose_poses, invert_pose, wrap_angle
 from ssmr.types import FloatArray, Motion
 from validation.experiment.loops import AnyController
 from validation.ros.messages import STAND_STILL, Twist
@@ -262,7 +262,7 @@ class PathFollower:
         t = stamp - self._begin - self.held_time
         self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped (Sec. 4.2)
         pose = np.array([seen.x, seen.y, self._yaw])
-        x, y, yaw = map(float, compose(self._to_reference, pose))
+        x, y, yaw = map(float, compose_poses(self._to_reference, pose))
         on_reference = Observation(x, y, yaw, seen.v, seen.w)
         self._rows.append(self._run_position_loop(on_reference, t, dt))
         self._times.append(t)
@@ -384,14 +384,16 @@ class PathFollower:
             return
         start = self.waypoints.start
         origin = np.array([start.x, start.y, start.yaw])
-        self._to_reference = compose(origin, invert(np.array([seen.x, seen.y, seen.yaw])))
+        self._to_reference = compose_poses(
+            origin, invert_pose(np.array([seen.x, seen.y, seen.yaw]))
+        )
         self._yaw = seen.yaw
         self._begin = self._stamp
         self.phase = "driving"
         self._at = seen
         self._response = self._responded(self._stamp, 0.0, seen)
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
-            self._pose_to_reference = compose(origin, invert(self._poses[0][1:]))
+            self._pose_to_reference = compose_poses(origin, invert_pose(self._poses[0][1:]))
 
     def command(self, now: float, fault: str = "") -> Twist:
         """Run one step of the velocity loop; return v [m/s] and omega [rad/s] to send at `now` [s].
@@ -461,6 +463,6 @@ class PathFollower:
         if self.tracked and self._pose_to_reference is not None:
             poses = np.array(self._poses)
             poses[:, 3] = np.unwrap(poses[:, 3])
-            motion = compose(self._pose_to_reference, poses[1:, 1:])
+            motion = compose_poses(self._pose_to_reference, poses[1:, 1:])
             return even_run(times, rows, poses[1:, 0] - self._begin, motion)
         return even_run(times, rows, times, rows[:, :3])

@@ -9,9 +9,9 @@ import numpy as np
 
 from ssmr.estimation.ekf import filter_step, initial_belief
 from ssmr.estimation.settings import V, W
-from ssmr.parameters import packed
+from ssmr.parameters import pack_numbers
 from ssmr.robot.drive import Sides, body_rates
-from ssmr.robot.sensors import SensorModel, sense
+from ssmr.robot.sensors import SensorModel, sense_rates
 from ssmr.types import FloatArray, State
 from validation.plants.profile import odometry_of
 from validation.ros.messages import STAND_STILL, Twist
@@ -91,7 +91,7 @@ class SimulatedRobot:
         self._start = start or State()
         self._seed = seed
         sensors = SensorModel() if noise else SensorModel(0.0, 0.0)
-        self._errors = packed(sensors)
+        self._errors = pack_numbers(sensors)
         self.filter = odometry_of(plant.drive)
         self._numbers = self.filter.packed()
         self._reset()
@@ -144,7 +144,7 @@ class SimulatedRobot:
         draws = self._noise.standard_normal(5)
         wheels = Sides(s.wheel_left, s.wheel_right)
         now = self.steps * self.dt
-        sample = sense(now, wheels, s.yaw_rate, tuple(draws[:3]), self._errors)
+        sample = sense_rates(now, wheels, s.yaw_rate, tuple(draws[:3]), self._errors)
         filter_step(self.belief, sample, dt, self._numbers)
         self._wheels[1] = sample.left, sample.right
         self._wheels[0] += dt * self._wheels[1]

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from msgspec import Meta
 
-from ssmr.parameters import check_parameters, declaration, parameter
+from ssmr.parameters import check_parameters, declaration_of, parameter
 from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import FloatArray
@@ -530,7 +530,7 @@ def _kind(f: Field[Any]) -> Any:
         kinds = tuple(float if math.isnan(d) else reading.TomlNumber for d in f.default)
         numbers: Any = tuple.__class_getitem__(kinds)
         return Annotated[numbers, Meta(description=f"{len(kinds)} numbers")]
-    declared = declaration(f)
+    declared = declaration_of(f)
     if declared is None:
         return reading.TomlText
     return Annotated[reading.TomlNumber, Meta(description=f"a number [{declared.unit}]")]
@@ -542,7 +542,7 @@ def _section(section: Mapping[str, Any], name: str) -> Document:
     values = reading.typed(section, kinds, name)
     given: Document = {}
     for key, f in SECTIONS[name].items():
-        declared = declaration(f)
+        declared = declaration_of(f)
         if key in values:
             given[f.name] = _rounded(values[key])
             if declared is not None:

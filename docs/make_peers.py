@@ -23,7 +23,7 @@ from scipy.signal import savgol_filter
 from ssmr.control.law import Observation
 from ssmr.control.mission import ControllerInput, Mission
 from ssmr.control.mpc import Mpc, MpcGains, step_of
-from ssmr.control.references import winding
+from ssmr.control.references import winding_path
 from ssmr.control.waypoints import Waypoints
 from ssmr.types import FloatArray
 from validation import load_profile
@@ -302,7 +302,7 @@ def lasting_gains(mission: Mission) -> tuple[float, float]:
 def random_paths(count: int, seed: int) -> list[Waypoints]:
     """Return winding paths of 8 m with curvatures drawn between -1.3 and 1.3 1/m."""
     random = np.random.default_rng(seed)
-    return [winding(SPEED, random.uniform(-1.3, 1.3, 11).tolist()) for _ in range(count)]
+    return [winding_path(SPEED, random.uniform(-1.3, 1.3, 11).tolist()) for _ in range(count)]
 
 
 def timed(kind: type, spent: list[float]) -> type:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ssmr.control.law import Observation
-from ssmr.control.laws import design
+from ssmr.control.laws import design_controller
 from ssmr.control.loop import LoopSettings
 from ssmr.control.population import run_loops
 from ssmr.control.references import line
@@ -362,7 +362,7 @@ def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
     for name, (bound, row, column) in bounds.items():
         gains = printed_table("4.4")["rows"][row]
         values = (gains["optimised"], 0.95 * bound, 1.05 * bound, gains["search"][1])
-        laws = [design("pid", {name: value}, *model) for value in values]
+        laws = [design_controller("pid", {name: value}, *model) for value in values]
         runs = run_loops([robot] * 4, laws, [seen] * 4, line(0.5, 20.0), [0], start)
         thirds = [np.array_split(run.column(column), 3) for run in runs]
         assert [np.ptp(late) < 0.5 * np.ptp(middle) for _, middle, late in thirds[1:]] == [

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from ssmr.control.feasible import DEVIATION, MotionLimits, _path_times, feasible
+from ssmr.control.feasible import DEVIATION, MotionLimits, _path_times, make_feasible
 from ssmr.control.references import circle, eight, stop_and_go
 from ssmr.control.waypoints import Waypoints, step_lengths
 from ssmr.types import FloatArray
@@ -56,7 +56,7 @@ PATHS = {
 @pytest.mark.parametrize("name", PATHS)
 def test_path_and_polyline_are_nowhere_farther_apart_than_stated(name: str) -> None:
     corners = PATHS[name]
-    path = feasible(Waypoints.from_path(corners, 0.4), LIMITS).xy
+    path = make_feasible(Waypoints.from_path(corners, 0.4), LIMITS).xy
     assert distances(path, corners).max() <= DEVIATION
     assert distances(along(corners, 0.01), path).max() <= DEVIATION
     assert np.array_equal(path[0], corners[0])
@@ -65,7 +65,7 @@ def test_path_and_polyline_are_nowhere_farther_apart_than_stated(name: str) -> N
 
 @pytest.mark.parametrize("name", PATHS)
 def test_every_limit_is_kept_at_every_point(name: str) -> None:
-    path = feasible(Waypoints.from_path(PATHS[name], 0.4), LIMITS)
+    path = make_feasible(Waypoints.from_path(PATHS[name], 0.4), LIMITS)
     speeds = path.segment_speeds
     middles = 0.5 * (path.t[1:] + path.t[:-1])
     yaw_rates = np.diff(path.headings) / np.diff(middles)
@@ -107,7 +107,7 @@ def test_times_keep_the_yaw_acceleration_on_a_curve_that_is_known() -> None:
 
 
 def test_curvature_is_continuous_where_a_corner_was() -> None:
-    path = feasible(Waypoints.from_path(SQUARE[:3], 0.4), LIMITS).xy
+    path = make_feasible(Waypoints.from_path(SQUARE[:3], 0.4), LIMITS).xy
     ways = np.diff(path, axis=0)
     headings = np.unwrap(np.arctan2(ways[:, 1], ways[:, 0]))
     curvature = np.diff(headings) / step_lengths(path)[1:]
@@ -119,8 +119,8 @@ def test_curvature_is_continuous_where_a_corner_was() -> None:
 @pytest.mark.parametrize("spacing", [1.0, 0.5, 0.2, 0.1, 0.05, 0.02])
 @pytest.mark.parametrize("name", ["square", "zigzag"])
 def test_the_spacing_of_waypoints_does_not_count(name: str, spacing: float) -> None:
-    coarse = feasible(Waypoints.from_path(PATHS[name], 0.4), LIMITS)
-    fine = feasible(Waypoints.from_path(along(PATHS[name], spacing), 0.4), LIMITS)
+    coarse = make_feasible(Waypoints.from_path(PATHS[name], 0.4), LIMITS)
+    fine = make_feasible(Waypoints.from_path(along(PATHS[name], spacing), 0.4), LIMITS)
     assert fine.duration == pytest.approx(coarse.duration, rel=1e-3)
     assert np.abs(fine.xy - coarse.xy).max() < 1e-3
 
@@ -128,29 +128,29 @@ def test_the_spacing_of_waypoints_does_not_count(name: str, spacing: float) -> N
 @pytest.mark.parametrize("name", PATHS)
 def test_a_turned_mirrored_or_reversed_path_is_driven_alike(name: str) -> None:
     corners = PATHS[name]
-    path = feasible(Waypoints.from_path(corners, 0.4), LIMITS)
+    path = make_feasible(Waypoints.from_path(corners, 0.4), LIMITS)
     c, s = math.cos(0.7), math.sin(0.7)
     turn = np.array([[c, s], [-s, c]])
-    turned = feasible(Waypoints.from_path(corners @ turn + 3.0, 0.4), LIMITS)
+    turned = make_feasible(Waypoints.from_path(corners @ turn + 3.0, 0.4), LIMITS)
     assert turned.duration == pytest.approx(path.duration, rel=1e-6)
     assert turned.xy == pytest.approx(path.xy @ turn + 3.0, abs=1e-6)
-    mirrored = feasible(Waypoints.from_path(corners * (1.0, -1.0), 0.4), LIMITS)
+    mirrored = make_feasible(Waypoints.from_path(corners * (1.0, -1.0), 0.4), LIMITS)
     assert mirrored.duration == pytest.approx(path.duration, rel=1e-9)
-    back = feasible(Waypoints.from_path(corners[::-1], 0.4), LIMITS)
+    back = make_feasible(Waypoints.from_path(corners[::-1], 0.4), LIMITS)
     assert back.duration == pytest.approx(path.duration, rel=5e-3)
     assert back.xy[::-1] == pytest.approx(path.xy, abs=5e-3)
 
 
 def test_a_path_that_was_feasible_stays_within_millimetres() -> None:
     asked = eight(0.3)
-    path = feasible(asked, LIMITS, at_rest=False)
+    path = make_feasible(asked, LIMITS, at_rest=False)
     assert distances(path.xy, asked.xy).max() < 0.003
     assert path.duration == pytest.approx(asked.duration, rel=0.01)
 
 
 def test_without_limits_only_the_corners_change() -> None:
     asked = Waypoints.from_path(SQUARE, 0.4)
-    path = feasible(asked, FREE, at_rest=False)
+    path = make_feasible(asked, FREE, at_rest=False)
     assert path.speed == pytest.approx(0.4, rel=1e-3)
 
 
@@ -158,19 +158,19 @@ def test_noise_of_waypoints_does_not_slow_a_path() -> None:
     asked = circle(0.4)
     rng = np.random.default_rng(3)
     noisy = Waypoints.from_path(asked.xy + 0.005 * rng.standard_normal(asked.xy.shape), 0.4)
-    path = feasible(noisy, LIMITS)
+    path = make_feasible(noisy, LIMITS)
     assert path.speed > 0.93 * 0.4
     assert distances(path.xy, asked.xy).max() < DEVIATION
 
 
 def test_a_planners_path_is_driven_nearly_as_fast_as_asked() -> None:
     asked = Waypoints.from_path(grid_path(), 0.4)
-    assert asked.length / feasible(asked, LIMITS).duration > 0.33
+    assert asked.length / make_feasible(asked, LIMITS).duration > 0.33
 
 
 def test_waits_stay_and_every_leg_begins_and_ends_at_rest() -> None:
     asked = stop_and_go(0.5, leg=1.5, wait=2.0, legs=3)
-    path = feasible(asked, LIMITS)
+    path = make_feasible(asked, LIMITS)
     waits = np.diff(path.t)[~path.moving]
     assert waits == pytest.approx([2.0] * 3)
     one_leg = 1.5 / 0.5 + 0.5 / LIMITS.acceleration
@@ -192,11 +192,11 @@ def test_a_path_that_turns_back_is_refused_by_its_waypoint(
     corners: list[list[float]], number: int
 ) -> None:
     with pytest.raises(ValueError, match=rf"waypoint {number}: the path turns back"):
-        feasible(Waypoints.from_path(corners, 0.4), LIMITS)
+        make_feasible(Waypoints.from_path(corners, 0.4), LIMITS)
 
 
 def test_a_turn_on_the_spot_is_refused() -> None:
     t = [0.0, 3.0, 5.0, 8.0]
     asked = Waypoints(t, [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
     with pytest.raises(ValueError, match="waypoint 3: the path turns on the spot, by 90 degrees"):
-        feasible(asked, LIMITS)
+        make_feasible(asked, LIMITS)

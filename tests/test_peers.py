@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from ssmr.control.references import winding
+from ssmr.control.references import winding_path
 from validation.track import track
 
 
@@ -27,7 +27,7 @@ def peers() -> ModuleType:
 @pytest.mark.parametrize("name", ["MPPI, predictor", "the same, look-ahead halved", "mpc"])
 def test_a_peer_follows_a_short_path(peers: ModuleType, name: str) -> None:
     """Within 50 mm on the model, and near the end when the target is there."""
-    path = winding(0.5, [0.0, 1.0, -1.0])
+    path = winding_path(0.5, [0.0, 1.0, -1.0])
     spent: list[float] = []
     tracked = track(peers.timed(peers.PEERS[name], spent), path, no_noise=True)
     xy = tracked.motion("improved").xy
@@ -49,7 +49,7 @@ def test_the_path_error_is_the_distance_to_the_path(peers: ModuleType) -> None:
 def test_the_nonlinear_program_is_that_of_mpc(peers: ModuleType) -> None:
     """Where the plan is nearly straight its linearisation is exact, and both drive alike."""
     pytest.importorskip("casadi")
-    path = winding(0.4, [0.0, 0.2])
+    path = winding_path(0.4, [0.0, 0.2])
     both = [track(kind, path, no_noise=True) for kind in (peers.OurMpc, peers.Nmpc)]
     ours, theirs = (tracked.motion("improved").xy for tracked in both)
     assert np.abs(ours - theirs).max() < 0.002

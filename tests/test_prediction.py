@@ -11,7 +11,7 @@ import pytest
 
 from ssmr.control import predictor
 from ssmr.control.law import EMPTY_MEMORY, Memory, Observation
-from ssmr.control.laws import PLAIN_CONTROLLERS, Controller, design, make_gains
+from ssmr.control.laws import PLAIN_CONTROLLERS, Controller, design_controller, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.mpc import (
@@ -108,7 +108,7 @@ def copied(law: Controller) -> PythonController:
 
 
 def mpc(body: PlanarModel, **gains: float) -> PythonController:
-    law = design("mpc", gains, np.array(A), np.array(B), body.drive)
+    law = design_controller("mpc", gains, np.array(A), np.array(B), body.drive)
     assert isinstance(law, PythonController)
     return law
 
@@ -194,14 +194,14 @@ def test_it_learns_how_fast_the_robot_really_is() -> None:
 @pytest.mark.parametrize("name", ["lqr+predictor", "mpc"])
 def test_it_learns_how_much_later_the_robot_answers(name: str, late: float) -> None:
     body = linear(STRONG.later(late))
-    law = design(name, {}, np.array(A), np.array(B), STRONG)
+    law = design_controller(name, {}, np.array(A), np.array(B), STRONG)
     learnt = drive(body, law, WEAVE).column("dead_time_learnt")
     assert learnt[-300:] == pytest.approx(late, abs=0.01)
     assert np.abs(np.diff(learnt)).max() <= 0.4 * 0.008 + ROUNDOFF
 
 
 def test_a_wrong_gain_and_weak_motors_are_no_delay() -> None:
-    law = design("lqr+predictor", {}, np.array(A), np.array(B), STRONG)
+    law = design_controller("lqr+predictor", {}, np.array(A), np.array(B), STRONG)
     wide = replace(Vehicle(), effective_half_track=0.275 * 4 / 3)
     for body in (
         PlanarModel(LinearParameters(), wide, STRONG),

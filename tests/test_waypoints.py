@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from ssmr.control.law import Observation
-from ssmr.control.waypoints import ALPHA_SWITCH, Target, Waypoints, position_errors, target
+from ssmr.control.waypoints import ALPHA_SWITCH, Target, Waypoints, position_errors, target_at
 from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, wrap_angle
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
@@ -36,7 +36,7 @@ def wander(moves: list[tuple[float, float, float]], t0: float = 0.0) -> Waypoint
 
 def at(waypoints: Waypoints, t: float) -> tuple[float, ...]:
     """x, y, phi, v_ref, w_ref of the target at a mission time."""
-    return tuple(target(waypoints.course(), t, 0)[:5])
+    return tuple(target_at(waypoints.course(), t, 0)[:5])
 
 
 # --------------------------------------------------------------------------------------------------
@@ -206,7 +206,7 @@ def test_the_hint_changes_nothing_but_the_way(
     k = hint
     for share in shares:
         t = share * waypoints.duration
-        *measured, k = target(course, t, k)
+        *measured, k = target_at(course, t, k)
         assert tuple(measured) == at(waypoints, t)
         assert 0 <= k < len(moves)
         assert course["t"][k] <= max(t, 0.0)

@@ -62,7 +62,7 @@ class MotionLimits(NamedTuple):
     yaw_acceleration: float  # [rad/s^2]
 
 
-def feasible(waypoints: Waypoints, limits: MotionLimits, at_rest: bool = True) -> Waypoints:
+def make_feasible(waypoints: Waypoints, limits: MotionLimits, at_rest: bool = True) -> Waypoints:
     """Return a path near these waypoints that keeps the limits, and is never faster than they are.
 
     Waits stay as long as they are. With `at_rest` each leg between waits begins and ends at rest;
@@ -90,13 +90,13 @@ def feasible(waypoints: Waypoints, limits: MotionLimits, at_rest: bool = True) -
                 "degrees; lead it round the corner, or end it there and begin another"
             )
         heading = float(waypoints.headings[leg[-1] - 1])
-        t, xy = _leg(waypoints, leg, limits, at_rest)
+        t, xy = _leg_samples(waypoints, leg, limits, at_rest)
         times.append(times[-1][-1] + t[1:])
         places.append(xy[1:])
     return Waypoints(np.concatenate(times), np.concatenate(places))
 
 
-def _leg(
+def _leg_samples(
     waypoints: Waypoints, leg: NDArray[np.intp], limits: MotionLimits, at_rest: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return times [s], from zero, and (M, 2) places [m] of waypoints `leg` without a wait."""
@@ -113,11 +113,11 @@ def _leg(
     widths = range(1, 2 + min(round(0.5 * _WIDEST / s[1]), count // 2))
 
     def too_far(m: int) -> bool:
-        off = _smoothed(line, m) - line
+        off = _smooth_line(line, m) - line
         return bool(np.max(np.hypot(off[:, 0], off[:, 1])) > DEVIATION)
 
     widest = bisect_left(widths, True, key=too_far)
-    path = _smoothed(line, widest)
+    path = _smooth_line(line, widest)
     lengths = step_lengths(path)
     k = int(np.argmin(lengths))
     if lengths[k] < _TURNS_BACK * s[1]:
@@ -128,7 +128,7 @@ def _leg(
         )
 
     def timed(m: int) -> tuple[FloatArray, FloatArray, float]:
-        path = _smoothed(line, m)
+        path = _smooth_line(line, m)
         t = _path_times(path, speeds, limits, at_rest)
         return t, path, float(np.sum(step_lengths(path)) / t[-1])
 
@@ -137,7 +137,7 @@ def _leg(
     return timed(widths[narrow])[:2]
 
 
-def _smoothed(line: FloatArray, m: int) -> FloatArray:
+def _smooth_line(line: FloatArray, m: int) -> FloatArray:
     """Return (N, 2) samples of a line after four means over `m` of them; the ends stay."""
     box = np.full(m, 1.0 / m)
     pair = np.convolve(box, box)

@@ -41,8 +41,8 @@ class Memory(NamedTuple):
     i_alpha: float  # integral of the heading error
     i_u: float  # integral of the speed error
     i_w: float  # integral of the yaw rate error
-    u_ref: float  # speed that the position loop asks for [m/s]; see `hold`
-    w_ref: float  # yaw rate that the position loop asks for [rad/s]; see `hold`
+    u_ref: float  # speed that the position loop asks for [m/s]; see `hold_memory`
+    w_ref: float  # yaw rate that the position loop asks for [rad/s]; see `hold_memory`
 
 
 EMPTY_MEMORY = Memory(*(0.0,) * len(Memory._fields))
@@ -73,7 +73,9 @@ class Gains:
 
 
 @jit
-def hold(row: FloatArray, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
+def hold_memory(
+    row: FloatArray, memory: Memory, seen: Observation, dt: float
+) -> tuple[Memory, Command]:
     """Return the memory unchanged and the position loop's output as the command.
 
     This is the velocity loop of a law of one rate.
@@ -98,7 +100,7 @@ class Law:
     make: Callable[..., Any] | None = None
     """Function of gains and a `ssmr.control.mission.Mission` that makes the object, for a law that
     is a Python object."""
-    velocity_step: Callable[..., tuple[Memory, Command]] = hold
+    velocity_step: Callable[..., tuple[Memory, Command]] = hold_memory
     """Kernel `(row, memory, seen, dt)` of the velocity loop; returns the next memory and the
     command."""
     population: int = 50

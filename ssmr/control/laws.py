@@ -119,7 +119,7 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
     return kind(**values)
 
 
-def _choice(steps: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
+def _choose_step(steps: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
     """Return a compiled `(law, row, *arguments)` that calls the step of law number `law`.
 
     numba cannot index a tuple of functions: each law compares its number, and hands any other
@@ -127,7 +127,7 @@ def _choice(steps: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
     """
     number = len(steps) - 1
     step = steps[number]
-    others = _choice(steps[:number]) if number > 0 else None
+    others = _choose_step(steps[:number]) if number > 0 else None
 
     @jit
     def choose(law: int, row: FloatArray, *arguments: Any) -> Any:
@@ -138,8 +138,8 @@ def _choice(steps: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
     return choose
 
 
-_POSITION = _choice([law.position_step for law in _PLAIN.values() if law.position_step])
-_VELOCITY = _choice([law.velocity_step for law in _PLAIN.values()])
+_POSITION = _choose_step([law.position_step for law in _PLAIN.values() if law.position_step])
+_VELOCITY = _choose_step([law.velocity_step for law in _PLAIN.values()])
 
 
 @jit
@@ -167,7 +167,7 @@ def velocity_step(
     return after
 
 
-def design(
+def design_controller(
     name: str, values: Mapping[str, float], a: FloatArray, b: FloatArray, drive: Drive | None = None
 ) -> AnyController:
     """Return one of `CONTROLLERS` with gains by name, designed on a linear model.

@@ -21,7 +21,7 @@ from ssmr.control.predictor import (
     predict_ahead,
     predictor_model,
     predictor_start,
-    remember,
+    remember_command,
 )
 from ssmr.control.tick import (
     DRAWS,
@@ -33,10 +33,10 @@ from ssmr.control.tick import (
     LoopState,
     Tracker,
     is_lost,
-    observed,
+    observe_truth,
     position_tick,
-    record,
-    see,
+    record_tick,
+    take_observation,
     velocity_tick,
 )
 from ssmr.control.waypoints import Waypoints
@@ -133,7 +133,7 @@ def make_clock(waypoints: Waypoints, settings: LoopSettings, dt: float) -> Clock
     return Clock(dt, position, velocity, position * max(1, periods))
 
 
-def draw(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, FloatArray]:
+def draw_noise(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, FloatArray]:
     """Return random numbers of a run: (ticks, 8) standard normal ones, (n,) yaw accelerations.
 
     The latter [rad/s2] are (1,) zero if there is no disturbance. The numbers depend on the seed
@@ -231,13 +231,13 @@ class _RobotSide:
         t = k * clock.dt
         due = k % clock.position == 0
         if due:
-            seen = observed(tracker, k, truth, draws)
+            seen = observe_truth(tracker, k, truth, draws)
             self.position_tick(seen, t, clock.position * clock.dt)
         if k % clock.velocity == 0:
             self.velocity_tick(t, clock.velocity * clock.dt)
         if not due:
             return False
-        record(log[k // clock.position], truth, self.state, tracker)
+        record_tick(log[k // clock.position], truth, self.state, tracker)
         aim = self.state.target
         return is_lost(truth.x, truth.y, truth.w, aim.x, aim.y)
 
@@ -278,7 +278,7 @@ class PythonSide(_RobotSide):
 
     def position_tick(self, seen: Observation, t: float, dt: float) -> None:
         """Take an observation of mission time `t` [s]."""
-        self.state = see(self.tracker, self.state, seen, t)
+        self.state = take_observation(self.tracker, self.state, seen, t)
         self._seen_at = t
         now = self._input(t)  # the predictor learns from every observation
         if self._observe is not None:
@@ -304,7 +304,7 @@ class PythonSide(_RobotSide):
             )
         memory = self.state.memory._replace(u_ref=v, w_ref=w)
         self.state = self.state._replace(memory=memory, command=Command(v, w))
-        remember(self.tracker.past, self.tracker.predictor_state, v, w, t)
+        remember_command(self.tracker.past, self.tracker.predictor_state, v, w, t)
 
 
 def robot_sides(
@@ -430,7 +430,7 @@ def run_loop(
         ValueError: periods that are no whole number of the plant's steps.
     """
     clock = make_clock(waypoints, settings, plant.dt)
-    draws, disturbance = draw(clock, settings, seed)
+    draws, disturbance = draw_noise(clock, settings, seed)
     state = plant.reset(start or waypoints.start)
     trackers = make_trackers([controller], [settings], waypoints, clock, state, [seed])
     (side,) = robot_sides([controller], [settings], waypoints, trackers)

@@ -122,7 +122,7 @@ def saturated_command(memory: Memory, i_rho: float, v: float, w: float) -> Memor
 
 
 @jit
-def _regulate(
+def _regulate_errors(
     row: FloatArray, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
     """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
@@ -147,7 +147,7 @@ def _regulate(
 LAW = Law(
     "lqr",
     LqrGains,
-    _regulate,
+    _regulate_errors,
     searched=("q_x", "q_v", "q_yaw", "q_w", "r_v", "r_w"),
     generations=300,
     k_u=50.0,

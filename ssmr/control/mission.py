@@ -24,7 +24,7 @@ import numpy as np
 
 from ssmr.control.law import Matrix, Observation
 from ssmr.control.predictor import DriverEstimate, PredictorModel, predictor_model
-from ssmr.control.waypoints import Errors, Target, Waypoints, target, targets_at
+from ssmr.control.waypoints import Errors, Target, Waypoints, target_at, targets_at
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 
@@ -92,7 +92,7 @@ class Mission:
 
     def target(self, t: float) -> Target:
         """Return the target at a mission time [s]; before the start and after the end it waits."""
-        return target(self._course, float(t), 0)
+        return target_at(self._course, float(t), 0)
 
     def preview(self, times: FloatArray) -> FloatArray:
         """Return the target at (n,) increasing times [s].

@@ -15,7 +15,7 @@ from ssmr.control.loop import (
     LoopSettings,
     closed_run,
     common_settings,
-    draw,
+    draw_noise,
     make_clock,
     make_trackers,
     robot_sides,
@@ -29,8 +29,8 @@ from ssmr.control.tick import (
     UNSEEN,
     LoopState,
     Tracker,
-    lean,
     plan_period,
+    without_unused_parts,
 )
 from ssmr.control.waypoints import Target, Waypoints
 from ssmr.estimation.settings import NO_NUMBERS, Belief
@@ -221,7 +221,7 @@ def run_bodies(
     if len({isinstance(law, PythonController) for law in controllers}) != 1:
         raise ValueError("a population has compiled laws or Python objects, not both")
     clock = make_clock(waypoints, first, dt)
-    random = [draw(clock, first, seed) for seed in seeds]
+    random = [draw_noise(clock, first, seed) for seed in seeds]
     draws = np.array([numbers for numbers, _ in random])
     pushes = np.array([np.resize(push, clock.n) for _, push in random])
     turn = np.arange(count) % len(seeds)
@@ -316,10 +316,10 @@ def run_loops(
     clock = make_clock(waypoints, first, dt)
     state = start or waypoints.start
     made = make_trackers(controllers, settings, waypoints, clock, state, seeds)
-    trackers = [lean(tracker) for tracker in made]
+    trackers = [without_unused_parts(tracker) for tracker in made]
     numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
     robots = [model.packed(dt) for model in models]
-    random = [draw(clock, first, seed) for seed in seeds]
+    random = [draw_noise(clock, first, seed) for seed in seeds]
     ticks = [0] * len(models)
     logs = np.empty((len(models), clock.ticks, len(LOG_COLUMNS)))
 

@@ -206,7 +206,7 @@ def predictor_start(state: State, drive: Drive, period: float) -> FloatArray:
 
 
 @jit
-def commanded(
+def command_in_effect(
     past: FloatArray, column: int, sent_at: float, when: float, model: PredictorModel
 ) -> float:
     """Return the value on which the driver acts that samples at time `when` [s], without dead time.
@@ -225,7 +225,7 @@ def commanded(
 
 
 @jit
-def approach(value: float, target: float, share: float) -> float:
+def approach_target(value: float, target: float, share: float) -> float:
     """Return a value that has gone a share of its way to a target."""
     return value + share * (target - value)
 
@@ -240,23 +240,23 @@ def _advance_driver(
     model: PredictorModel,
     late: float,
 ) -> DriverEstimate:
-    """Return the driver's references after a step from `t` to `t + dt` [s], see `commanded`.
+    """Return the driver's references after a step from `t` to `t + dt` [s], see `command_in_effect`.
 
     The driver acts `late` [s] later than the model's.
     """
     when = t + (dt if model.ramp > 0.0 else 0.5 * dt)  # a ramp has gone on to the end of the step
     sampled_v = when - max(model.delay_v + late, 0.0)
     sampled_w = when - max(model.delay_w + late, 0.0)
-    v = clip_to_limit(commanded(past, 0, sent_at, sampled_v, model), model.v_max)
-    w = clip_to_limit(commanded(past, 1, sent_at, sampled_w, model), model.w_max)
+    v = clip_to_limit(command_in_effect(past, 0, sent_at, sampled_v, model), model.v_max)
+    w = clip_to_limit(command_in_effect(past, 1, sent_at, sampled_w, model), model.w_max)
     v = ramp_towards(before.v, v, model.acceleration_v * dt)
     w = ramp_towards(before.w, w, model.acceleration_w * dt)
     share = -math.expm1(-dt / model.lag) if model.lag > 0.0 else 1.0
     return DriverEstimate(
         v=v,
         w=w,
-        lagged_v=approach(before.lagged_v, v, share),
-        lagged_w=approach(before.lagged_w, w, share),
+        lagged_v=approach_target(before.lagged_v, v, share),
+        lagged_w=approach_target(before.lagged_w, w, share),
         gain_v=before.gain_v,
         gain_w=before.gain_w,
         slip=before.slip,
@@ -264,7 +264,7 @@ def _advance_driver(
 
 
 @jit
-def _relax(x: float, rate: float, drive: float, dt: float) -> float:
+def _relax_exactly(x: float, rate: float, drive: float, dt: float) -> float:
     """Return x after an exact step of dx/dt = -rate x + drive, for a constant drive."""
     if rate * dt < 1e-12:
         return x + dt * drive
@@ -272,17 +272,19 @@ def _relax(x: float, rate: float, drive: float, dt: float) -> float:
 
 
 @jit
-def _respond(
+def _respond_linearly(
     v: float, w: float, driver: DriverEstimate, dt: float, model: PredictorModel
 ) -> tuple[float, float]:
     """Return speed and yaw rate after a step of the linear model with the learnt gains."""
     drive_v = model.push_v * driver.gain_v * driver.lagged_v
     drive_w = model.push_w * driver.gain_w * driver.lagged_w
-    return _relax(v, model.rate_v, drive_v, dt), _relax(w, model.rate_w, drive_w, dt)
+    return _relax_exactly(v, model.rate_v, drive_v, dt), _relax_exactly(
+        w, model.rate_w, drive_w, dt
+    )
 
 
 @jit
-def learn(memory: FloatArray, changes: Command, seen: Observation, elapsed: float) -> None:
+def learn_response(memory: FloatArray, changes: Command, seen: Observation, elapsed: float) -> None:
     """Take in the robot's motion in the `elapsed` time [s] beside that of the model, in place.
 
     These are least squares that forget. Gains are lasting ones, so what is seen while the model's
@@ -300,16 +302,16 @@ def learn(memory: FloatArray, changes: Command, seen: Observation, elapsed: floa
     heading = 0.5 * (memory[_POSE + 2] + seen.yaw)
     aside = math.cos(heading) * (seen.y - y) - math.sin(heading) * (seen.x - x)
     v_y = aside / elapsed
-    memory[_VV] = approach(memory[_VV], v * v, share_v)
-    memory[_V_SEEN] = approach(memory[_V_SEEN], v * seen.v, share_v)
-    memory[_WW] = approach(memory[_WW], w * w, share_w)
-    memory[_W_SEEN] = approach(memory[_W_SEEN], w * seen.w, share_w)
-    memory[_W_ASIDE] = approach(memory[_W_ASIDE], w * v_y, share_w)
+    memory[_VV] = approach_target(memory[_VV], v * v, share_v)
+    memory[_V_SEEN] = approach_target(memory[_V_SEEN], v * seen.v, share_v)
+    memory[_WW] = approach_target(memory[_WW], w * w, share_w)
+    memory[_W_SEEN] = approach_target(memory[_W_SEEN], w * seen.w, share_w)
+    memory[_W_ASIDE] = approach_target(memory[_W_ASIDE], w * v_y, share_w)
     write_numbers(memory, _POSE, 1, (seen.x, seen.y, seen.yaw))
 
 
 @jit
-def learnt(memory: FloatArray) -> DriverEstimate:
+def learnt_references(memory: FloatArray) -> DriverEstimate:
     """Return the driver's references with the learnt gains and slip.
 
     A robot that hardly moved has those of the model.
@@ -352,7 +354,7 @@ def _sample_early(past: FloatArray, memory: FloatArray, model: PredictorModel) -
     driver = _nominal_driver(memory, _EARLY)
     sent_at = memory[_SENT_AT]
     driver = _advance_driver(past, sent_at, at, GRID, driver, model=model, late=-_EARLIEST)
-    v, w = _respond(memory[_EARLY + 4], memory[_EARLY + 5], driver, GRID, model)
+    v, w = _respond_linearly(memory[_EARLY + 4], memory[_EARLY + 5], driver, GRID, model)
     early = (driver.v, driver.w, driver.lagged_v, driver.lagged_w, v, w, at + GRID)
     write_numbers(memory, _EARLY, 1, early)
 
@@ -387,7 +389,7 @@ def _learn_delay(
         part = (memory[_GRID_AT] - before) / (t - before)
         for j in range(2):
             _push_sample(modelled[j], memory[_EARLY + 4 + j])
-            _push_sample(robot[j], approach(memory[_SEEN + j], now[j], part))
+            _push_sample(robot[j], approach_target(memory[_SEEN + j], now[j], part))
             y = robot[j, 0] - robot[j, _BACK]
             memory[_SQUARES + j] = keep * memory[_SQUARES + j] + _WEIGHTS[j] * y * y
             # a model with less dead time than that cannot answer so early
@@ -404,7 +406,7 @@ def _learn_delay(
 
 
 @jit
-def _misfit(sums: FloatArray, squares: FloatArray, i: int) -> float:
+def _delay_misfit(sums: FloatArray, squares: FloatArray, i: int) -> float:
     """Return how badly delay number `i` explains the samples: -2 log of its likelihood.
 
     The variance of what is not explained is not known: pushes and dry friction count less.
@@ -425,17 +427,17 @@ def _misfit(sums: FloatArray, squares: FloatArray, i: int) -> float:
 def _best_delay(sums: FloatArray, squares: FloatArray) -> float:
     """Return the delay [s] of the least _misfit, by the parabola through the best three."""
     best = 0
-    least = _misfit(sums, squares, 0)
+    least = _delay_misfit(sums, squares, 0)
     for i in range(1, _SHIFTS):
-        cost = _misfit(sums, squares, i)
+        cost = _delay_misfit(sums, squares, i)
         if cost < least:
             best = i
             least = cost
     delay = (best - _PROMPT) * GRID
     if best == 0 or best == _SHIFTS - 1:
         return delay
-    below = _misfit(sums, squares, best - 1)
-    above = _misfit(sums, squares, best + 1)
+    below = _delay_misfit(sums, squares, best - 1)
+    above = _delay_misfit(sums, squares, best + 1)
     bend = below - 2.0 * least + above
     return delay + 0.5 * GRID * (below - above) / bend if bend > 0.0 else delay
 
@@ -468,7 +470,7 @@ def predict_ahead(
     while at < t - _ROUNDING:
         dt = min(model.step, t - at)
         driver = _advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
-        v, w = _respond(v, w, driver, dt, model)
+        v, w = _respond_linearly(v, w, driver, dt, model)
         at += dt
     changes = Command(v - memory[MODEL_V], w - memory[MODEL_W])
     references = (driver.v, driver.w, driver.lagged_v, driver.lagged_w, at)
@@ -476,13 +478,13 @@ def predict_ahead(
     memory[MODEL_V] = v
     memory[MODEL_W] = w
     if t - before > _ROUNDING:
-        learn(memory, changes, seen, t - before)
-    driver = learnt(memory)
+        learn_response(memory, changes, seen, t - before)
+    driver = learnt_references(memory)
     x, y, yaw, v, w = seen
     while at < end - _ROUNDING:
         dt = min(model.step, end - at)
         driver = _advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
-        v_next, w_next = _respond(v, w, driver, dt, model)
+        v_next, w_next = _respond_linearly(v, w, driver, dt, model)
         v_mid = 0.5 * (v + v_next)
         w_mid = 0.5 * (w + w_next)
         heading = yaw + 0.5 * dt * w_mid
@@ -499,7 +501,7 @@ def predict_ahead(
 
 
 @jit_alone
-def remember(past: FloatArray, memory: FloatArray, v: float, w: float, t: float) -> None:
+def remember_command(past: FloatArray, memory: FloatArray, v: float, w: float, t: float) -> None:
     """Append the command that is sent at time `t` [s] to a predictor's memory, in place.
 
     The oldest one drops out.

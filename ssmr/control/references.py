@@ -161,7 +161,7 @@ def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4
     return Waypoints(np.concatenate(times), np.vstack(places))
 
 
-def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Waypoints:
+def winding_path(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Waypoints:
     """Return a path whose curvature goes evenly from each given one to the next, first along x.
 
     There are two or more `curvatures`, positive to the left [1/m]; `piece` is the arc length from

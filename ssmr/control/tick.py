@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from ssmr._jit import jit, jit_alone, write_numbers
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
-from ssmr.control.predictor import LEARNT, PredictorModel, predict_ahead, remember
-from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
+from ssmr.control.predictor import LEARNT, PredictorModel, predict_ahead, remember_command
+from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target_at
 from ssmr.estimation.ekf import filter_step
 from ssmr.estimation.settings import YAW, Belief, V, W, X, Y
 from ssmr.robot.drive import DriveNumbers, DriveState, Sides, follow_commands
@@ -58,7 +58,7 @@ class Tracker(NamedTuple):
     law: int  # place of the law in `ssmr.control.laws.PLAIN_CONTROLLERS`
     gains: FloatArray  # `Controller.packed()`
     predicts: bool  # true if the law acts on the state one dead time ahead
-    predictor: Any  # the `PredictorModel`; None where `lean` left it out
+    predictor: Any  # the `PredictorModel`; None where `without_unused_parts` left it out
     past: FloatArray  # (n, 2) commands that were sent, the newest last
     predictor_state: FloatArray  # the rest of the memory, `predictor.MEMORY_NUMBERS`
     course: NDArray[np.void]  # `Waypoints.course()`
@@ -106,7 +106,7 @@ LOG_COLUMNS = (
 
 
 @jit_alone
-def observed(tracker: Tracker, k: int, truth: Motion, draws: FloatArray) -> Observation:
+def observe_truth(tracker: Tracker, k: int, truth: Motion, draws: FloatArray) -> Observation:
     """Return the controller's view of the truth at physics step `k`, a tick of the position loop.
 
     The EKF's belief, if it is used, advances by the time since the last tick.
@@ -114,7 +114,7 @@ def observed(tracker: Tracker, k: int, truth: Motion, draws: FloatArray) -> Obse
     noise = tracker.noise
     drawn = draws[k // tracker.clock.position]
     if tracker.by_filter:
-        return _filtered(tracker.belief, tracker, k, truth, drawn)
+        return _filter_observation(tracker.belief, tracker, k, truth, drawn)
     return Observation(
         x=truth.x + noise.x * drawn[0],
         y=truth.y + noise.y * drawn[1],
@@ -125,7 +125,7 @@ def observed(tracker: Tracker, k: int, truth: Motion, draws: FloatArray) -> Obse
 
 
 @jit
-def _filtered(
+def _filter_observation(
     belief: Belief | None, tracker: Tracker, k: int, truth: Motion, drawn: FloatArray
 ) -> Observation:
     """Return the estimate of the EKF; numba leaves out what follows where its belief is None."""
@@ -142,17 +142,17 @@ def _filtered(
 
 
 @jit
-def _ahead(
+def _predict_observation(
     model: PredictorModel | None, tracker: Tracker, seen: Observation, t: float
 ) -> tuple[Observation, float]:
-    """Return the robot when its command will act, and that time [s]; see `_filtered`."""
+    """Return the robot when its command will act, and that time [s]; see `_filter_observation`."""
     if model is None:
         return seen, t
     ahead, _, end = predict_ahead(tracker.past, tracker.predictor_state, seen, t, t, model)
     return ahead, end
 
 
-def lean(tracker: Tracker) -> Tracker:
+def without_unused_parts(tracker: Tracker) -> Tracker:
     """Return a tracker without filter and predictor, where it uses neither of them.
 
     Loops for such ones compile in two thirds of the time.
@@ -163,12 +163,12 @@ def lean(tracker: Tracker) -> Tracker:
 
 
 @jit_alone
-def see(tracker: Tracker, state: LoopState, seen: Observation, t: float) -> LoopState:
+def take_observation(tracker: Tracker, state: LoopState, seen: Observation, t: float) -> LoopState:
     """Return the state with an observation of mission time `t` [s], and target and errors then.
 
     No law runs.
     """
-    aim = target(tracker.course, t, state.target.segment)
+    aim = target_at(tracker.course, t, state.target.segment)
     errors = position_errors(seen, aim, ALPHA_SWITCH)
     return LoopState(state.memory, aim, errors, seen, seen, state.command)
 
@@ -182,13 +182,13 @@ def position_tick(
     Behind a predictor the law takes the robot, the target and the errors of the instant at which
     its command will act; the state keeps those of now.
     """
-    now = see(tracker, state, seen, t)
+    now = take_observation(tracker, state, seen, t)
     ahead = seen
     aim = now.target
     errors = now.errors
     if tracker.predicts:
-        ahead, end = _ahead(tracker.predictor, tracker, seen, t)
-        aim = target(tracker.course, end, aim.segment)
+        ahead, end = _predict_observation(tracker.predictor, tracker, seen, t)
+        aim = target_at(tracker.course, end, aim.segment)
         errors = position_errors(ahead, aim, ALPHA_SWITCH)
     errors = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
     law_input = (state.memory, errors, aim, ahead, dt)
@@ -204,12 +204,12 @@ def velocity_tick(tracker: Tracker, state: LoopState, t: float, dt: float) -> Lo
     """
     memory, command = velocity_step(tracker.law, tracker.gains, state.memory, state.ahead, dt)
     if tracker.predicts:
-        remember(tracker.past, tracker.predictor_state, command.v, command.w, t)
+        remember_command(tracker.past, tracker.predictor_state, command.v, command.w, t)
     return LoopState(memory, state.target, state.errors, state.seen, state.ahead, command)
 
 
 @jit_alone
-def record(row: FloatArray, truth: Motion, state: LoopState, tracker: Tracker) -> None:
+def record_tick(row: FloatArray, truth: Motion, state: LoopState, tracker: Tracker) -> None:
     """Write a tick into `row`, in the order of `LOG_COLUMNS`."""
     write_numbers(row, 0, 1, truth)
     aim = state.target
@@ -265,7 +265,7 @@ def plan_period(
     clock = tracker.clock
     position_dt = clock.position * clock.dt
     velocity_dt = clock.velocity * clock.dt
-    seen = observed(tracker, k, truth, draws)
+    seen = observe_truth(tracker, k, truth, draws)
     state = position_tick(tracker, state, seen, k * clock.dt, position_dt)
     for j in range(k, k + max(n, 1)):
         if j % clock.velocity == 0:
@@ -274,7 +274,7 @@ def plan_period(
             commands[i, 0] = state.command.v
             commands[i, 1] = state.command.w
         if j == k:
-            record(log[k // clock.position], truth, state, tracker)
+            record_tick(log[k // clock.position], truth, state, tracker)
         if j < k + n:
             driver = follow_commands(commands, j, drive, (0.0, 0.0), driver)
             references[j - k, 0] = driver.left

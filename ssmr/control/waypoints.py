@@ -112,7 +112,7 @@ class Waypoints:
                 place only, or time that does not increase; the message counts waypoints from 1.
         """
         t = np.asarray(self.t, dtype=np.float64)
-        xy = _places(self.xy)
+        xy = _check_places(self.xy)
         if t.shape != (len(xy),):
             raise ValueError(
                 f"{len(xy)} waypoints need as many times, got an array of shape {t.shape}"
@@ -134,7 +134,7 @@ class Waypoints:
             ValueError: a speed that is not positive and finite, places that are no path, or
                 neighbours at one place.
         """
-        places = _places(xy)
+        places = _check_places(xy)
         fault = find_fault(None, places)
         if fault is not None:
             row, _, what = fault
@@ -286,7 +286,7 @@ class Waypoints:
         return Trajectory(t, rows[:, :3], twist, np.zeros((len(t), 2)))
 
 
-def _places(xy: ArrayLike) -> FloatArray:
+def _check_places(xy: ArrayLike) -> FloatArray:
     """Return (N, 2) places, at least two of them."""
     places = np.asarray(xy, dtype=np.float64)
     if places.ndim != 2 or places.shape[1] != 2:
@@ -303,7 +303,7 @@ def step_lengths(xy: FloatArray) -> FloatArray:
 
 
 @jit_alone
-def target(course: Any, t: float, segment: int) -> Target:
+def target_at(course: Any, t: float, segment: int) -> Target:
     """Return the `Target` at a mission time (Alg. 5, lines 11-21).
 
     Its place and twist are linear in time. Before `t` = 0 [s] the target waits at the first
@@ -337,7 +337,7 @@ def targets_at(course: Any, t: FloatArray) -> FloatArray:
     rows = np.empty((len(t), 5))
     segment = 0
     for i in range(len(t)):
-        aim = target(course, t[i], segment)
+        aim = target_at(course, t[i], segment)
         segment = aim.segment
         write_numbers(rows[i], 0, 1, (aim.x, aim.y, aim.heading, aim.v, aim.w))
     return rows

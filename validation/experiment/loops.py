@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.control.feasible import DEVIATION, MotionLimits, feasible
-from ssmr.control.laws import AnyController, design
+from ssmr.control.feasible import DEVIATION, MotionLimits, make_feasible
+from ssmr.control.laws import AnyController, design_controller
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
 from ssmr.control.population import run_bodies, run_loops
@@ -115,7 +115,7 @@ def make_controller(profile: Profile, gains: GainSet) -> AnyController:
     """
     linear = profile.plants["linear"]
     a, b = state_space_matrices(linear.vehicle, linear.parameters, linear.drive)
-    return design(gains.controller, gains.values, a, b, linear.drive)
+    return design_controller(gains.controller, gains.values, a, b, linear.drive)
 
 
 def controller_and_reference(controller: Any, reference: Any, own: str | None) -> tuple[Any, Any]:
@@ -263,10 +263,10 @@ def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: 
     """
     drive = robot.drive
     gentle = MotionLimits(_EASY_SPEED * drive.v_max, _EASY_TURN * drive.w_max, math.inf, math.inf)
-    if _keeps(waypoints, feasible(waypoints, gentle, at_rest=False)):
+    if _keeps(waypoints, make_feasible(waypoints, gentle, at_rest=False)):
         return None
     limits = limits_of([robot], waypoints.speed)
-    slowed = feasible(waypoints, limits, at_rest=False)
+    slowed = make_feasible(waypoints, limits, at_rest=False)
     if _keeps(waypoints, slowed):
         return None
     return (
@@ -291,9 +291,9 @@ def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot) -> Waypoint
         ValueError: the reference turns back, or on the spot.
     """
     limits = limits_of([robot], waypoints.speed, _PRACTICABLE)
-    if _keeps(waypoints, feasible(waypoints, limits, at_rest=False)):
+    if _keeps(waypoints, make_feasible(waypoints, limits, at_rest=False)):
         return waypoints
-    return feasible(waypoints, limits)
+    return make_feasible(waypoints, limits)
 
 
 def open_path(
@@ -331,7 +331,7 @@ def open_path(
         return label, waypoints, []
     limits = limits_of(robots, speed, _PRACTICABLE)
     try:
-        path = feasible(waypoints, limits)
+        path = make_feasible(waypoints, limits)
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from error
     sentence = (

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings
-from ssmr.control.references import winding
+from ssmr.control.references import winding_path
 from ssmr.control.waypoints import Waypoints, targets_at
 from ssmr.parameters import require_in_range
 from ssmr.robot.drive import wheel_rates, whole_steps
@@ -210,7 +210,7 @@ class EpisodeSource:
             most = min(CURVATURE / self.track, _YAW_SHARE * drive.w_max / speed)
             piece = 1.5 * self.track
             count = 2 + math.ceil(speed * self.task.seconds / piece)
-            waypoints = winding(speed, rng.uniform(-most, most, count).tolist(), piece)
+            waypoints = winding_path(speed, rng.uniform(-most, most, count).tolist(), piece)
         else:
             waypoints = self._at(speed)
         n = min(self.most_ticks, math.ceil(waypoints.duration / VELOCITY_PERIOD - 1e-9))

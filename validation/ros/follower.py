@@ -31,11 +31,11 @@ from ssmr.control.predictor import (
     LEARNT,
     MODEL_V,
     MODEL_W,
-    learnt,
+    learnt_references,
     predict_ahead,
-    remember,
+    remember_command,
 )
-from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, Clock, record
+from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, Clock, record_tick
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose_poses, invert_pose, wrap_angle
@@ -190,7 +190,7 @@ class PathFollower:
         side.velocity_tick(t + self._watch.lateness, VELOCITY_PERIOD)
         command = side.state.command
         if not side.tracker.predicts:
-            remember(
+            remember_command(
                 side.tracker.past, side.tracker.predictor_state, *command, t + self._watch.lateness
             )
         return command
@@ -209,7 +209,7 @@ class PathFollower:
         row = np.empty(len(LOG_COLUMNS))
         unknown = (0.0, 0.0, 0.0, 0.0)  # wheel rates and torques
         truth = Motion(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, *unknown)
-        record(row, truth, side.state, tracker)
+        record_tick(row, truth, side.state, tracker)
         row[-1] = memory[LEARNT]
         return row
 
@@ -298,7 +298,7 @@ class PathFollower:
     def _watch_motion(self, stamp: float, seen: Observation) -> None:
         """Stop a robot that moves otherwise than by its commands: somebody else drives it."""
         memory = self._side.tracker.predictor_state
-        driver = learnt(memory)
+        driver = learnt_references(memory)
         v = driver.gain_v * memory[MODEL_V]
         w = driver.gain_w * memory[MODEL_W]
         moves = 0.0 if self.emergency_stop else self._speed_of(seen.v, seen.w)

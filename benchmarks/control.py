@@ -17,7 +17,7 @@ from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
-from validation.simulator.motors import controls
+from validation.simulator.motors import actuator_inputs
 from validation.simulator.plant import MujocoPlant
 
 
@@ -35,7 +35,7 @@ def _pair_loops(robots: int) -> dict[str, Pair]:
     run = close()[0]
     ticks = round(float(run.t[-1]) / plant.dt) // (len(run.t) - 1)
     set_points = np.repeat(run.table[:-1, 6:8], ticks, axis=0)
-    control = np.repeat(controls(plant.model, set_points)[None], robots, axis=0)
+    control = np.repeat(actuator_inputs(plant.model, set_points)[None], robots, axis=0)
     start = np.repeat(plant.placed(short.start)[None], robots, axis=0)
     data = mujoco.MjData(plant.model)
     roll_out = partial(rollout.rollout, plant.model, data, start, control)

@@ -28,7 +28,7 @@ from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from validation import cli
 from validation.plants.profile import load_profile
-from validation.simulator.motors import controls
+from validation.simulator.motors import actuator_inputs
 from validation.simulator.plant import MujocoPlant
 
 _POPULATION = 64
@@ -74,7 +74,9 @@ def _pair_mujoco() -> dict[str, Pair]:
     """Return the Husky as a plant beside bare mujoco.rollout of the same model, and the imports."""
     section = LAB.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
-    control = controls(plant.model, wheel_references(COMMANDS, section.drive, plant.dt, State()))
+    control = actuator_inputs(
+        plant.model, wheel_references(COMMANDS, section.drive, plant.dt, State())
+    )
     data = mujoco.MjData(plant.model)
     start = plant.placed(State())
     run = partial(plant.run, COMMANDS, State(), SAMPLE_DT)

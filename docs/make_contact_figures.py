@@ -21,7 +21,7 @@ from validation import load_robot
 from validation.experiment.runs import drive
 from validation.experiment.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
-from validation.simulator.turning import SAMPLE, SPIN_LEAD, spin
+from validation.simulator.turning import SAMPLE, SPIN_LEAD, spin_on_spot
 from validation.study.contact import Setting, all_settings, balanced_robot
 from validation.study.contact_drives import TURNED
 
@@ -108,7 +108,7 @@ def draw_theory(section: PlantProfile, result: dict[str, Setting], ax: Axes) -> 
 def draw_paths(section: PlantProfile, measured: dict[str, Setting], ax: Axes) -> None:
     """Draw the path of the robot's middle while it turns on the spot."""
     for key, (colour, words) in LADDER.items():
-        motion = spin(measured[key].plant(section))
+        motion = spin_on_spot(measured[key].plant(section))
         tail = motion.t >= SPIN_LEAD
         xy = motion.xy[tail] - motion.xy[tail][0]
         turned = float(np.ptp(motion.yaw[tail]))

@@ -26,7 +26,7 @@ from validation.plants.profile import load_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.health import check_health, run_health
 from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model
-from validation.simulator.motors import controls
+from validation.simulator.motors import actuator_inputs
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, Impedance, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.study.contact_drives import creep_speed
@@ -90,7 +90,7 @@ def turn(
     model = robot_model(calibration, settings=PhysicsSettings(solimp=solimp))
     data = mujoco.MjData(model)
     rates = np.array(wheel_rates(0.0, rate, HALF_TRACK, RADIUS))
-    data.ctrl[:] = controls(model, rates)
+    data.ctrl[:] = actuator_inputs(model, rates)
     left = model.joint("front_left_wheel").dofadr[0]
     right = model.joint("front_right_wheel").dofadr[0]
     rows = []

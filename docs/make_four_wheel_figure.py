@@ -25,7 +25,7 @@ from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import load_robot
 from validation.plants.planar import tyred_defaults
 from validation.simulator.calibration import Calibration
-from validation.simulator.motors import controls
+from validation.simulator.motors import actuator_inputs
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 
@@ -115,7 +115,7 @@ def rise(w: float) -> float:
         plant.model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS
     )
     start = float(data.qpos[2])
-    data.ctrl[:] = controls(
+    data.ctrl[:] = actuator_inputs(
         plant.model, np.array([wheel_rates(0.0, w, DRIVE.command_half_track, DRIVE.command_radius)])
     )[0]
     mujoco.mj_step(plant.model, data, nstep=round(5.0 / plant.dt))

@@ -15,7 +15,7 @@ from ssmr.types import FloatArray
 from validation.experiment.sources import open_source
 from validation.plants.kind import CAUSES
 from validation.plants.profile import load_profile
-from validation.plants.searchable import find, make_space, with_values
+from validation.plants.searchable import find_number, make_space, with_values
 from validation.plants.table import plant_kind
 
 STEP = 0.005  # of the bounds' width, to either side
@@ -42,7 +42,7 @@ def slopes() -> FloatArray:
     """Return (6, M, 5) derivatives of poses and torques, over the width of each number's bounds."""
     base = load_profile("thesis-lab").section("mujoco")
     space = make_space("mujoco", CAUSES, {}, base.robot)
-    values = np.array([[find("mujoco", name, base.robot).read(base) for name in CAUSES]])
+    values = np.array([[find_number("mujoco", name, base.robot).read(base) for name in CAUSES]])
     point = space.points(values)[0]
     steps = STEP * np.eye(len(CAUSES))
     points = np.concatenate([point + steps, point - steps])

@@ -20,7 +20,7 @@ from validation.identify.search import search_for
 from validation.identify.uncertainty import estimate, sentences
 from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, load_profile, make_plant
-from validation.plants.searchable import find, make_space, with_values
+from validation.plants.searchable import find_number, make_space, with_values
 from validation.plants.table import plant_kind
 
 POSITION = 0.002
@@ -103,7 +103,7 @@ def recover(seed: int, way: Way, torque_weight: float | None = None, workers: in
     cost = FitCost(yaw_weight=0.2, torque_weight=torque_weight)
     problem = FitProblem("mujoco", base, space, [noisy_target(truth, seed)], cost)
     asked = Fit("mujoco", "traj4@mujoco", workers=workers, seed=seed)
-    profile = [find("mujoco", name, base.robot).read(base) for name in space.names]
+    profile = [find_number("mujoco", name, base.robot).read(base) for name in space.names]
     start = space.points(np.array([profile])) if way.starts == 1 else None
     settings = JdeSettings(way.population, way.generations)
     search = search_for(problem, settings, asked, start, way.starts)

@@ -16,7 +16,7 @@ from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.model import GRAVITY, robot_model
-from validation.simulator.motors import controls
+from validation.simulator.motors import actuator_inputs
 from validation.simulator.parts import robot_parts
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.turning import closed_form
@@ -86,7 +86,7 @@ class Bench:
     def ask(self, left: float, right: float) -> None:
         """Give the motors rim speeds over sqrt(g wheel radius)."""
         rates = np.array([left, right]) * self.speed / self.calibration.wheel_radius
-        self.data.ctrl[:] = controls(self.model, rates)
+        self.data.ctrl[:] = actuator_inputs(self.model, rates)
 
     def loads(self) -> FloatArray:
         """Return the (4,) wheel loads over the weight."""

@@ -20,7 +20,7 @@ from validation.compare import compare
 from validation.files.csv_logs import write_csv
 from validation.fit import fit
 from validation.plants.profile import PLANTS, bare_profile, choose_profile, make_plant
-from validation.plants.searchable import find
+from validation.plants.searchable import find_number
 from validation.plants.table import plant_kind
 from validation.simulator.checking import spot_turn
 from validation.simulator.description import Robot
@@ -187,7 +187,7 @@ def test_a_robots_own_numbers_lie_within_its_bounds(name: str, plant: str) -> No
     profile = bare_profile(load_robot(name)).plants[plant]
     for free in ("scenario", "commands", "wheels"):
         for number in plant_kind(plant).free[free]:
-            s = find(plant, number, profile.robot)
+            s = find_number(plant, number, profile.robot)
             value = s.read(profile)
             if math.isinf(value) or number.startswith("acceleration"):
                 value = min(value, s.upper)

@@ -69,7 +69,7 @@ def test_sound_files_are_read_on_a_busy_machine(
     reads: list[Callable[[], object]] = [
         partial(read_log, bag),
         partial(import_robot, tmp_path / "r.urdf"),
-        partial(foreign.tried, mjcf),
+        partial(foreign.try_compiling, mjcf),
     ]
     with ThreadPoolExecutor(len(reads)) as pool:
         for reading in [pool.submit(read) for read in reads]:

@@ -20,7 +20,7 @@ from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.turning import measure_spin, spin
+from validation.simulator.turning import measure_spin, spin_on_spot
 from validation.study import contact as study
 from validation.study.contact import (
     BASELINE,
@@ -146,7 +146,7 @@ def test_each_robot_has_its_own_closed_form(
     lab: Profile, changes: dict[str, float | str], settings: PhysicsSettings, error: float
 ) -> None:
     plant = Setting(settings, changes).plant(balanced_robot(lab.plants["mujoco"]))
-    result = measure_spin(spin(plant, 20.0), plant.calibration)
+    result = measure_spin(spin_on_spot(plant, 20.0), plant.calibration)
     assert result["multiplier"] == pytest.approx(result["multiplier_expected"], rel=error)
     assert abs(result["multiplier_expected"] - 1.0 - (0.512 / TRACK) ** 2) > 0.02
     assert result["ripple"] < 1e-3
@@ -166,7 +166,7 @@ def test_the_sideways_drift_is_shown_and_cured(lab: Profile) -> None:
     wander = []
     for step in steps:
         plant = EVERY[f"near ODE: {step}"].plant(balanced_robot(lab.plants["mujoco"]))
-        wander.append(measure_spin(spin(plant, 26.0), plant.calibration)["wander_m"])
+        wander.append(measure_spin(spin_on_spot(plant, 26.0), plant.calibration)["wander_m"])
     assert wander[0] > 0.8
     assert all(b < 0.8 * a for a, b in pairwise(wander))
     assert wander[-1] < 1e-3

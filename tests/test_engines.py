@@ -102,7 +102,7 @@ def test_loads_at_rest_are_the_weight(name: str, lab: Profile) -> None:
 def test_a_missing_engine_is_one_line_that_says_how_to_get_it(
     lab: Profile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ode_library.ode.cache_clear()
+    ode_library.load_ode.cache_clear()
     monkeypatch.setattr(ode_library, "NAMES", ("libode_that_is_not.so.8",))
     with pytest.raises(EngineMissingError, match=r"ODE is missing: install libode 0\.16") as caught:
         make_plant(lab, "ode")
@@ -114,7 +114,7 @@ def test_a_missing_engine_is_one_line_that_says_how_to_get_it(
         match=r"Drake is missing: install it with pip install 'ssmr-testbed\[engines\]'",
     ):
         make_plant(lab, "drake")
-    ode_library.ode.cache_clear()
+    ode_library.load_ode.cache_clear()
 
 
 def test_what_an_engine_cannot_have_is_refused(lab: Profile) -> None:

@@ -25,7 +25,7 @@ from validation.experiment.gains import (
 )
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.identify.tuning import TuneCost, costs_of
-from validation.plants.profile import load_profile, odometry_of, shipped
+from validation.plants.profile import load_profile, odometry_of, shipped_profiles
 
 SETS = [(controller, name) for controller in FIELDS for name in shipped_sets(controller)]
 """Controller and name of every set that is shipped."""
@@ -139,7 +139,7 @@ def test_a_bad_file_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
     assert str(path) in text
 
 
-OWN = [(controller, name) for controller, name in SETS if name in shipped()]
+OWN = [(controller, name) for controller, name in SETS if name in shipped_profiles()]
 """Sets that are shipped for a profile."""
 
 
@@ -149,9 +149,9 @@ def test_every_real_profile_has_gains_of_its_own() -> None:
     The other profiles are of the thesis' lab, where those come from.
     """
     tuned = [controller for controller, name in SETS if name == "tuned"]
-    real = [name for name in shipped() if not name.startswith("thesis-")]
+    real = [name for name in shipped_profiles() if not name.startswith("thesis-")]
     assert {(c, p) for c in tuned for p in real} <= set(OWN)
-    assert {p for _, p in OWN} <= set(shipped())
+    assert {p for _, p in OWN} <= set(shipped_profiles())
 
 
 @pytest.mark.parametrize(("controller", "profile"), OWN)

@@ -20,9 +20,9 @@ from validation.simulator.health import (
     START_TIME,
     Health,
     apparent_mass,
+    health_verdict,
+    loads_tremble,
     run_health,
-    trembles,
-    verdict,
 )
 from validation.simulator.model import GRAVITY, _resting_depth, robot_model
 from validation.simulator.physics import PhysicsSettings
@@ -105,7 +105,7 @@ def driven(calibration: Calibration, drive: Drive, scenario: str) -> Health:
 def test_whoever_follows_the_advice_on_trembling_calms_the_loads(scenario: str) -> None:
     """Each of the four pieces of advice alone, in the simulator."""
     health = driven(JERKY, DRIVE, scenario)
-    assert trembles(health)
+    assert loads_tremble(health)
     assert health["ok"]
     advised = {
         "command_ramp": (JERKY, replace(DRIVE, command_ramp=DRIVE.hold)),
@@ -143,9 +143,9 @@ def test_the_sum_is_judged_after_the_start_and_over_all_pieces(model: mujoco.MjM
     total[: round(100 * START_TIME)] += 100.0
     calm = run_health(model, [loads_of(total)])
     assert calm["load_sum_rms_N"] == pytest.approx(0.0, abs=1e-9)
-    assert not trembles(calm)
+    assert not loads_tremble(calm)
     assert calm["advice"] == ""
-    assert verdict(calm) == "healthy"
+    assert health_verdict(calm) == "healthy"
     assert calm["peak_torque_N_m"] == 7.5
     total[-100:] += 30.0
     shaken = run_health(model, [loads_of(total), loads_of(np.full(1001, weight))])
@@ -160,8 +160,8 @@ def test_a_limit_that_is_passed_is_named_in_the_advice(model: mujoco.MjModel) ->
     weight = float(model.body_subtreemass[1]) * GRAVITY
     shaken = run_health(model, [loads_of(weight * (1.0 + 0.02 * (-1.0) ** np.arange(1000)))])
     assert shaken["ok"]
-    assert trembles(shaken)
-    assert verdict(shaken) == "loads tremble"
+    assert loads_tremble(shaken)
+    assert health_verdict(shaken) == "loads tremble"
     assert "tremble" in shaken["advice"]
     given = run_health(
         model, [loads_of(weight * (1.0 + 0.02 * (-1.0) ** np.arange(1000)))], given_rates=True

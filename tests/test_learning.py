@@ -27,7 +27,7 @@ from validation.experiment.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask, tracking
 from validation.learning.episodes import DELAY, FRICTION, EpisodeSource
 from validation.plants.profile import load_profile, make_plant
-from validation.simulator.motors import controls
+from validation.simulator.motors import actuator_inputs
 
 PLAIN: dict[str, Any] = {"spread": 0.0, "noise": False, "timestep": 0.002}
 """The profile's own robot at the first waypoint, without noise, in the physics of all other
@@ -202,8 +202,8 @@ def test_an_entity_on_its_ground_is_the_plant() -> None:
     mujoco.mj_setState(plant.model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     for k in range(500):
         wanted = np.array([3.0, 4.0]) * min(1.0, k / 100)
-        data.ctrl[:] = controls(plant.model, wanted)
-        physics.data.ctrl[:] = controls(model, wanted)
+        data.ctrl[:] = actuator_inputs(plant.model, wanted)
+        physics.data.ctrl[:] = actuator_inputs(model, wanted)
         mujoco.mj_step(plant.model, data)
         physics.step()
     mujoco.mj_kinematics(plant.model, data)

@@ -14,7 +14,7 @@ from ssmr.types import Commands, FloatArray, State
 from tests.robots import HUSKY
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile, make_plant
-from validation.plants.searchable import find, searchable
+from validation.plants.searchable import find_number, searchable_numbers
 
 PLACED = Localiser(0.15, -0.04, 0.3, 0.0, 0.0)
 numbers = st.floats(-3.0, 3.0)
@@ -65,9 +65,9 @@ def test_position_and_heading_have_delays_of_their_own(lab: Profile) -> None:
 def test_every_number_can_be_fitted(lab: Profile) -> None:
     names = {"tracked_x", "tracked_y", "tracked_yaw", "position_late", "yaw_late"}
     for plant in lab.plants:
-        assert names <= {number.name for number in searchable(plant, HUSKY)}
+        assert names <= {number.name for number in searchable_numbers(plant, HUSKY)}
     section: PlantProfile = replace(lab.plants["mujoco"], localiser=Localiser(yaw_late=0.07))
-    assert find("mujoco", "yaw_late", HUSKY).read(section) == 0.07
+    assert find_number("mujoco", "yaw_late", HUSKY).read(section) == 0.07
 
 
 @pytest.mark.parametrize("late", [(0.0, 0.0), (0.013, 0.013), (-0.02, 0.051)])

@@ -32,7 +32,7 @@ from tests.robots import husky
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SIDES, WHEELS
 from validation.simulator.model import robot_model
-from validation.simulator.motors import SLIP_INERTIA, controls
+from validation.simulator.motors import SLIP_INERTIA, actuator_inputs
 
 LEAKY = Drive(
     delay_v=0.0,
@@ -191,7 +191,7 @@ def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:
     dofs = model.jnt_dofadr[[model.joint(name).id for name in JOINTS]]
     integrals = [model.actuator(f"{side}_integral").id for side in SIDES]
     for _ in range(2500):
-        data.ctrl[:] = controls(model, np.full(2, 5.0))
+        data.ctrl[:] = actuator_inputs(model, np.full(2, 5.0))
         data.qvel[dofs] = 0.0
         data.qpos[dofs + 1] = 0.0
         mujoco.mj_step(model, data)
@@ -214,7 +214,7 @@ def test_a_lasting_load_costs_a_simulated_wheel_what_the_law_says(stiffness: flo
     """
     model, data = hung(replace(LEAKY, dc_stiffness=stiffness), husky(armature=0.2))
     dofs = model.jnt_dofadr[[model.joint(name).id for name in JOINTS]]
-    data.ctrl[:] = controls(model, np.full(2, 3.0))
+    data.ctrl[:] = actuator_inputs(model, np.full(2, 3.0))
     data.qfrc_applied[dofs] = -5.0
     mujoco.mj_step(model, data, nstep=10000)
     lost = 3.0 - data.qvel[dofs]

@@ -23,7 +23,7 @@ from validation.identify.objective import FitCost, make_raters
 from validation.identify.problem import FitProblem
 from validation.plants.kind import side_torques
 from validation.plants.profile import PLANTS, Profile, make_plant
-from validation.plants.searchable import find, make_space, searchable, with_values
+from validation.plants.searchable import find_number, make_space, searchable_numbers, with_values
 from validation.plants.table import plant_kind
 
 
@@ -84,10 +84,12 @@ def points(n: int, size: int, seed: int = 0) -> np.ndarray:
 def test_the_true_parameters_cost_nothing(lab: Profile) -> None:
     for cost in (FitCost("path"), FitCost("sync")):
         p = problem(lab, scenario(lab), cost)
-        truth = p.space.points([find("improved", n, HUSKY).read(p.base) for n in p.space.names])
+        truth = p.space.points(
+            [find_number("improved", n, HUSKY).read(p.base) for n in p.space.names]
+        )
         assert p.costs(truth[None])[0] < 1e-9
     p = problem(lab, log_target(lab), FitCost("horizon", horizons=(2.0,)))
-    truth = p.space.points([find("improved", n, HUSKY).read(p.base) for n in p.space.names])
+    truth = p.space.points([find_number("improved", n, HUSKY).read(p.base) for n in p.space.names])
     # the start's twist is estimated, and inputs are held between samples
     assert p.costs(truth[None])[0] < 0.003
 
@@ -217,7 +219,7 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
 
 def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
     for model in PLANTS:
-        for number in searchable(model, HUSKY):
+        for number in searchable_numbers(model, HUSKY):
             value = 0.5 * (number.lower + number.upper)
             names = [number.name]
             values = [value]

@@ -22,13 +22,13 @@ from validation.plants.profile import (
     bare_profile,
     load_profile,
     make_plant,
-    shipped,
+    shipped_profiles,
 )
 
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_profiles())
 def test_a_shipped_profile_loads_drives_and_has_provenance(name: str) -> None:
     profile = load_profile(name)
     assert profile.name == name

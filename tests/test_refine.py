@@ -20,7 +20,7 @@ from validation.identify.objective import FitCost, PathRater, _path_offsets
 from validation.identify.problem import FitProblem
 from validation.identify.refine import Corrected, Remembered, arrivals, descend
 from validation.plants.profile import Profile
-from validation.plants.searchable import find, make_space
+from validation.plants.searchable import find_number, make_space
 from validation.plants.table import plant_kind
 
 FREE = ("u_x", "gain", "effective_half_track", "delay")
@@ -34,7 +34,9 @@ def quick(**more: Any) -> dict[str, Any]:
 
 
 def truth(lab: Profile, names: tuple[str, ...]) -> FloatArray:
-    return np.array([find("improved", name, HUSKY).read(lab.plants["improved"]) for name in names])
+    return np.array(
+        [find_number("improved", name, HUSKY).read(lab.plants["improved"]) for name in names]
+    )
 
 
 @pytest.mark.parametrize("objective", ["sync", "path"])

@@ -17,7 +17,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
 from validation import load_robot
 from validation.descriptions.importing import import_robot
-from validation.plants.profile import bare_profile, load_profile, make_plant, shipped
+from validation.plants.profile import bare_profile, load_profile, make_plant, shipped_profiles
 from validation.robots import export_robot
 from validation.simulator.checking import spot_turn
 from validation.simulator.description import WHEELS, Robot, shipped_robots
@@ -93,7 +93,7 @@ def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float 
 
     Also with tyres that grip better along than across, and with motors at their limit.
     """
-    given = name in shipped()
+    given = name in shipped_profiles()
     profile = load_profile(name) if given else bare_profile(load_robot(name))
     section = profile.section("mujoco")
     drive = section.drive if limit is None else replace(section.drive, torque_limit=limit)
@@ -118,7 +118,7 @@ def test_an_mjcf_holds_up_to_the_step_that_it_says(name: str, written: float | N
 
     The plant's path itself moves by up to 2.7 mm from 2 ms to 5 ms.
     """
-    profile = load_profile(name) if name in shipped() else bare_profile(load_robot(name))
+    profile = load_profile(name) if name in shipped_profiles() else bare_profile(load_robot(name))
     section = profile.section("mujoco")
     plant = make_plant(profile, "mujoco")
     assert isinstance(plant, MujocoPlant)

@@ -81,7 +81,7 @@ def test_what_was_written_is_found(
     tmp_path_factory: pytest.TempPathFactory, made: UrdfRobot
 ) -> None:
     with pytest.MonkeyPatch.context() as here:  # another process for each would take a minute
-        here.setattr(foreign, "tried", lambda text, tolerant: (text, {}))
+        here.setattr(foreign, "try_compiling", lambda text, tolerant: (text, {}))
         robot = imported(made, tmp_path_factory.mktemp("urdf")).robot
     wanted = (made.wheelbase, made.track, made.radius, made.width, made.axle)
     np.testing.assert_allclose(

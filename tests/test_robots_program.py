@@ -19,7 +19,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.checking import load_shares, spot_turn, turning_torque
 from validation.simulator.description import Robot, parse_robot
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.turning import spin
+from validation.simulator.turning import spin_on_spot
 
 SHIPPED = ("husky", "jackal", "warthog", "pioneer3at")
 KEYS = {
@@ -85,7 +85,7 @@ def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[flo
     )
     spot = spot_turn(robot)
     assert spot is not None
-    motion = spin(MujocoPlant(Calibration.of(robot), robot.drive), 20.0, 0.4)
+    motion = spin_on_spot(MujocoPlant(Calibration.of(robot), robot.drive), 20.0, 0.4)
     torque = np.abs(motion.channels["torque_N_m"][motion.t > 8.0]).mean(axis=0)
     np.testing.assert_allclose(torque, robot.friction * turning_torque(robot, spot), rtol=0.03)
 

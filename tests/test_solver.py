@@ -19,10 +19,10 @@ from ssmr.types import State
 from tests.robots import HUSKY, SAME_LOADS, SAME_PATH, former_model, husky
 from validation import load_robot
 from validation.plants.kind import PlantProfile
-from validation.plants.profile import bare_profile, load_profile, shipped
+from validation.plants.profile import bare_profile, load_profile, shipped_profiles
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SCHEMA, Robot, parse_robot, shipped_robots
-from validation.simulator.motors import controls
+from validation.simulator.motors import actuator_inputs
 from validation.simulator.physics import SHIPPED, SOLVING, PhysicsSettings, Solver, _solver_for
 from validation.simulator.plant import MujocoPlant
 
@@ -47,7 +47,7 @@ def same_motion(calibration: Calibration, drive: Drive, scenario: str) -> str:
 
 
 @pytest.mark.parametrize("scenario", ["traj1", "traj4"])
-@pytest.mark.parametrize("name", [name for name in shipped() if name != "thesis-printed"])
+@pytest.mark.parametrize("name", [name for name in shipped_profiles() if name != "thesis-printed"])
 def test_profiles_drive_the_same_paths_with_either_solver(name: str, scenario: str) -> None:
     section = load_profile(name).plants["mujoco"]
     assert same_motion(section.parameters, section.drive, scenario) == "CG"
@@ -138,7 +138,7 @@ def test_the_yaw_acceleration_is_that_of_mujocos_sensor(lab_section: PlantProfil
     commands = TRAJECTORIES["traj1"].commands()
     steps = wheel_references(commands, lab_section.drive, plant.dt, State())
     _, sensors = rollout.rollout(
-        full, mujoco.MjData(full), plant.placed(State())[None], controls(full, steps)[None]
+        full, mujoco.MjData(full), plant.placed(State())[None], actuator_inputs(full, steps)[None]
     )
     sensed = sensors[0][
         :: round(SAMPLE_DT / plant.dt), full.sensor("angular_acceleration").adr[0] + 2

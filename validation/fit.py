@@ -83,7 +83,7 @@ from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty, estimate, 
 from validation.output import Document, Progress, file_name, one_line, shortened
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.searchable import find, make_space, split_by_log, with_values
+from validation.plants.searchable import find_number, make_space, split_by_log, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.report import drawing
 from validation.report.motions import interval_table
@@ -433,7 +433,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     sources, held_out = opened
     searched = _searched(o, kind.free[occasion] if o.free is None else o.free, sources)
     space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)
-    before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
+    before = np.array([find_number(o.model, name, begun.robot).read(begun) for name in space.names])
     start = None
     if o.guess is not None or o.search == "lsq" or occasion != "scenario":
         start = first_points(o.guess, space, before)

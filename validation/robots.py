@@ -30,12 +30,18 @@ from validation.descriptions.loading import load_robot
 from validation.engines.trial import examine_in_engine
 from validation.files.reading import read_text
 from validation.output import Document, abridged, file_name, one_line, visible
-from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
+from validation.plants.profile import (
+    Profile,
+    bare_profile,
+    choose_profile,
+    load_profile,
+    shipped_profiles,
+)
 from validation.report.report import Report
 from validation.report.table import Table, print_tables
 from validation.simulator.checking import (
     SkidTurn,
-    guessed,
+    guessed_numbers,
     load_shares,
     robot_outline,
     spot_turn,
@@ -68,7 +74,7 @@ _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_ha
 
 def list_robots() -> None:
     """List the robots that come with the package, and the profiles of each."""
-    profiles = [load_profile(name) for name in shipped()]
+    profiles = [load_profile(name) for name in shipped_profiles()]
     rows = []
     for robot in map(load_robot, shipped_robots()):
         spot = spot_turn(robot)
@@ -183,7 +189,7 @@ class RobotCheck(Report):
             "findings": [finding._asdict() for finding in self.findings],
             "advice": [finding.sentence for finding in self.findings],
             "faults": len(self.faults),
-            "guessed": guessed(self.robot),
+            "guessed": guessed_numbers(self.robot),
         }
 
     def figure(self) -> Figure:
@@ -257,7 +263,7 @@ def _verdict(robot: Robot, findings: Sequence[Finding]) -> str:
     """Finding of a check in a sentence; a robot with guessed numbers may still be wrong."""
     if faults := sum(finding.severity == "fault" for finding in findings):
         return f"{robot.name}: {faults} fault{'s' if faults > 1 else ''} found"
-    if guesses := ", ".join(guessed(robot)):
+    if guesses := ", ".join(guessed_numbers(robot)):
         return f"{robot.name}: no fault found, but nobody has measured or published {guesses}"
     if findings:
         return f"{robot.name}: no fault found"

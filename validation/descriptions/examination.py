@@ -28,7 +28,7 @@ from validation.simulator.checking import spot_turn
 from validation.simulator.description import GRAVITY, ROTOR_SHARE, Robot, free_drive
 from validation.simulator.health import apparent_mass
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure_spin, spin
+from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure_spin, spin_on_spot
 
 _KEYS = (
     "multiplier",
@@ -175,7 +175,7 @@ def _slow_spin(calibration: Calibration) -> dict[str, float]:
     multiplier = min(closed_form(calibration).multiplier, 10.0)
     turn_time = _TURNS * 2.0 * math.pi * multiplier / rate
     seconds = 0.05 * math.ceil((SPIN_LEAD + turn_time) / 0.05)
-    motion = spin(MujocoPlant(stiff, free_drive(calibration.robot)), seconds, rate)
+    motion = spin_on_spot(MujocoPlant(stiff, free_drive(calibration.robot)), seconds, rate)
     return measure_spin(motion, stiff)
 
 

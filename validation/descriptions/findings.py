@@ -16,7 +16,7 @@ from ssmr.types import FloatArray
 from validation.descriptions.foreign_robot import ForeignRobot
 from validation.descriptions.wheels import named_end, named_side
 from validation.simulator.checking import (
-    guessed,
+    guessed_numbers,
     load_shares,
     robot_outline,
     spot_turn,
@@ -548,7 +548,7 @@ def _guess(robot: Robot, _: Others) -> Finding | None:
         "mass.total": "weigh the robot, for every force scales with it",
     }
     for key, reason in reasons.items():
-        if key in guessed(robot):
+        if key in guessed_numbers(robot):
             return Finding("guess", "question", f"{key} is a guess: {reason}")
     return None
 

@@ -313,7 +313,7 @@ def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
     plain.extend([ElementTree.Element("link", name=_ROOT), *links, *joints, standing])
     try:
         text = ElementTree.tostring(plain, encoding="unicode")
-        foreign.tried(text, tolerant=True)
+        foreign.try_compiling(text, tolerant=True)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"MuJoCo cannot read this URDF: {one_line(error)}") from error
     return mujoco.MjSpec.from_string(text)
@@ -337,7 +337,7 @@ def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
         ValueError: as `read_foreign`.
     """
     try:
-        text, files = foreign.tried(text, path.parent, tolerant=True)
+        text, files = foreign.try_compiling(text, path.parent, tolerant=True)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"MuJoCo cannot read this MJCF: {one_line(error)}") from error
     root = foreign.xml_tree(text)
@@ -345,7 +345,7 @@ def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
     spec = mujoco.MjSpec.from_string(text, assets=files)
     foreign.name_parts(spec)
     tensors = _tensors(spec)
-    foreign.complete(spec, files)
+    foreign.complete_spec(spec, files)
     wheeled = WheeledRobot(spec.compile(), any_direction=True)
     return ForeignRobot(
         file=one_line(path.name),

@@ -56,7 +56,7 @@ class OwnRobot:
             ValueError: it cannot be compiled, or has not four fixed wheels.
         """
         spec = mujoco.MjSpec.from_string(text, assets=dict(files))
-        foreign.complete(spec, files)
+        foreign.complete_spec(spec, files)
         for sensor in list(spec.sensors):
             spec.delete(sensor)
         self.wheeled = wheeled = WheeledRobot(spec.compile(), any_direction=True)

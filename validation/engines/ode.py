@@ -44,7 +44,7 @@ from validation.engines.ode_library import (
     JointFeedback,
     Mass,
     Vector,
-    ode,
+    load_ode,
 )
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import GRAVITY, WHEELS
@@ -148,14 +148,14 @@ class OdeBody:
         self._cylinders = calibration.wheel_shape == "cylinder"
         shares = np.maximum(calibration.static_shares, 0.0)
         self._resting = shares * (calibration.mass * GRAVITY)
-        self._ode = ode()
+        self._ode = load_ode()
         self._ode.dAllocateODEDataForThread(0xFFFFFFFF)
         self._build_world()
         self._build_robot()
         self._build_contacts()
         groups = [self._contacts, self._joints]
         geoms = [self._floor, *self._tyres]
-        weakref.finalize(self, _destroy, self._ode, self._world, groups, geoms)
+        weakref.finalize(self, _destroy_world, self._ode, self._world, groups, geoms)
 
     def _build_world(self) -> None:
         lib = self._ode
@@ -266,7 +266,7 @@ class OdeBody:
         lib = self._ode
         c = self._robot
         lib.dAllocateODEDataForThread(0xFFFFFFFF)
-        turn = _rotation(motion.quat_wxyz)
+        turn = _rotation_matrix(motion.quat_wxyz)
         axle = turn[:, 1]
         bodies = [self._base, *self._wheels]
         offsets = [c.com, *c.wheel_places]
@@ -286,7 +286,7 @@ class OdeBody:
     def motion(self) -> Rigid:
         """Return how the robot moves now, see `EngineBody.motion`."""
         place, quat, velocity, spin = self._views[0]
-        turn = _rotation(quat)
+        turn = _rotation_matrix(quat)
         arm = turn @ self._robot.com
         axle = turn[:, 1]
         rates = np.array([(wheel_spin - spin) @ axle for *_, wheel_spin in self._views[1:]])
@@ -411,14 +411,14 @@ def _tie_breaker(k: int) -> float:
     return 1.0 + _TIE * (k + 1)
 
 
-def _rotation(quat: FloatArray) -> FloatArray:
+def _rotation_matrix(quat: FloatArray) -> FloatArray:
     """Return the (3, 3) matrix of a rotation, w first."""
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, quat)
     return turn.reshape(3, 3)
 
 
-def _destroy(lib: Any, world: Any, groups: list[Any], geoms: list[Any]) -> None:
+def _destroy_world(lib: Any, world: Any, groups: list[Any], geoms: list[Any]) -> None:
     for geom in geoms:
         lib.dGeomDestroy(geom)
     for group in groups:

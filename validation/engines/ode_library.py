@@ -116,12 +116,12 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 
 
 @c.CFUNCTYPE(None, _I, c.c_char_p, _P)
-def _ignore(number: int, text: bytes, arguments: int) -> None:
+def _ignore_message(number: int, text: bytes, arguments: int) -> None:
     """Ignore a message of the library, which would write it to standard error otherwise."""
 
 
 @cache
-def ode() -> c.PyDLL:
+def load_ode() -> c.PyDLL:
     """Return the library, with the types of its functions set.
 
     Its calls are short, and some change state that all worlds share, so they keep Python's lock.
@@ -147,6 +147,6 @@ def ode() -> c.PyDLL:
             function = getattr(library, name)
             function.restype = result
             function.argtypes = arguments
-    library.dSetMessageHandler(_ignore)
+    library.dSetMessageHandler(_ignore_message)
     library.dInitODE2(0)
     return library

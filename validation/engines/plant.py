@@ -54,9 +54,9 @@ class _EngineRobot:
             self._body.advance_turning(np.zeros(len(WHEELS)), 0.0)
         rest = self._body.motion()
         self._rest_loads = self._body.wheel_loads()
-        turned = yaw_to_quat_wxyz(-_yaw(rest.quat_wxyz))
+        turned = yaw_to_quat_wxyz(-_heading_of(rest.quat_wxyz))
         self._height = float(rest.position[2])
-        self._attitude = _product(turned, rest.quat_wxyz)
+        self._attitude = _quaternion_product(turned, rest.quat_wxyz)
 
     def place(self, state: State) -> None:
         """Put the robot into a state, at rest on its tyres, without memory."""
@@ -65,7 +65,7 @@ class _EngineRobot:
         velocity = np.array([c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y, 0.0])
         wheels = np.tile([state.wheel_left, state.wheel_right], 2)
         spin = np.array([0.0, 0.0, state.yaw_rate])
-        quat = _product(yaw_to_quat_wxyz(state.yaw), self._attitude)
+        quat = _quaternion_product(yaw_to_quat_wxyz(state.yaw), self._attitude)
         place = np.array([state.x, state.y, self._height])
         self._body.place(Rigid(place, quat, velocity, spin, wheels))
         self._integrals = [0.0] * len(self._plant.groups)
@@ -78,7 +78,7 @@ class _EngineRobot:
     def _read(self) -> None:
         """Take over where the robot is now; yaw is unwrapped from the last step."""
         now = self._body.motion()
-        yaw = _yaw(now.quat_wxyz)
+        yaw = _heading_of(now.quat_wxyz)
         self._yaw = yaw + _TURN * round((self._yaw - yaw) / _TURN)
         x, y = now.velocity[:2]
         c = math.cos(self._yaw)
@@ -249,13 +249,13 @@ class EnginePlant(BodyPlant):
         return Trajectory.of_table(sample_dt, np.array(rows), CHANNELS)
 
 
-def _yaw(quat: FloatArray) -> float:
+def _heading_of(quat: FloatArray) -> float:
     """Return the heading of a rotation [rad], which need not be of length 1."""
     w, x, y, z = map(float, quat)
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
-def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+def _quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the (4,) product of two rotations, w first: b, then a."""
     product = np.empty(4)
     mujoco.mju_mulQuat(product, a, b)

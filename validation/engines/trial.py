@@ -14,7 +14,7 @@ from validation.engines.ode import GAZEBO, OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot, free_drive
-from validation.simulator.turning import SPIN_LEAD, measure_spin, spin
+from validation.simulator.turning import SPIN_LEAD, measure_spin, spin_on_spot
 
 _RATE = 0.6
 """Commanded yaw rate [rad/s]."""
@@ -37,10 +37,10 @@ def examine_in_engine(robot: Robot, foreign: ForeignRobot | None, engine: str) -
     """
     calibration = Calibration.of(robot, timestep=min(robot.timestep, _STEP))
     if engine == "drake":
-        return _examined(_turned(calibration, None), engine, [])
+        return _examine_turn(_measure_turn(calibration, None), engine, [])
     settings = _ode_settings(foreign)
     calibration = Calibration.of(robot, wheel_shape="cylinder", timestep=_STEP)
-    before = _turned(calibration, settings)
+    before = _measure_turn(calibration, settings)
     findings = []
     if settings.second_share != 1.0 or settings.direction == "wheel":
         cone = replace(settings, friction_law="cone", second_share=1.0)
@@ -51,11 +51,11 @@ def examine_in_engine(robot: Robot, foreign: ForeignRobot | None, engine: str) -
                 "friction of the wheels depends on the heading: Gazebo hands mu1, mu2 and fdir1 to "
                 "ODE as a pyramid that rolls with the wheel",
                 "give mu1 and mu2 one number, take fdir1 out, and take the cone as friction model",
-                _words(before),
-                _words(_turned(calibration, cone)),
+                _turn_in_words(before),
+                _turn_in_words(_measure_turn(calibration, cone)),
             )
         )
-    return _examined(before, engine, findings)
+    return _examine_turn(before, engine, findings)
 
 
 def _ode_settings(foreign: ForeignRobot | None) -> OdeSettings:
@@ -74,7 +74,7 @@ def _ode_settings(foreign: ForeignRobot | None) -> OdeSettings:
     )
 
 
-def _turned(calibration: Calibration, settings: OdeSettings | None) -> dict[str, float]:
+def _measure_turn(calibration: Calibration, settings: OdeSettings | None) -> dict[str, float]:
     """Return measures of a turn on the spot in ODE; in Drake without settings."""
     robot = calibration.robot
     body = DrakeBody if settings is None else partial(OdeBody, settings=settings)
@@ -85,10 +85,10 @@ def _turned(calibration: Calibration, settings: OdeSettings | None) -> dict[str,
     plant = EnginePlant(name, body, calibration, drive)
     turn = _TURNS * 2.0 * math.pi * robot.turning_half_track / (0.5 * robot.track * _RATE)
     seconds = 0.05 * math.ceil(min(SPIN_LEAD + turn, _LONGEST) / 0.05)
-    return measure_spin(spin(plant, seconds, _RATE), calibration)
+    return measure_spin(spin_on_spot(plant, seconds, _RATE), calibration)
 
 
-def _words(measured: dict[str, float]) -> str:
+def _turn_in_words(measured: dict[str, float]) -> str:
     """Return a turn in words."""
     if "multiplier" not in measured:
         return "it does not turn once"
@@ -99,7 +99,7 @@ def _words(measured: dict[str, float]) -> str:
     )
 
 
-def _examined(measured: dict[str, float], engine: str, findings: list[Finding]) -> Examined:
+def _examine_turn(measured: dict[str, float], engine: str, findings: list[Finding]) -> Examined:
     """Return what a turn in an engine says."""
     measures = {
         "multiplier": measured.get("multiplier"),
@@ -107,7 +107,7 @@ def _examined(measured: dict[str, float], engine: str, findings: list[Finding]) 
         "sideways_m": measured["wander_m"],
         "lifted_share": measured["lifted_share"],
     }
-    sentence = f"In {engine}, turning on the spot: {_words(measured)}; by mechanics "
+    sentence = f"In {engine}, turning on the spot: {_turn_in_words(measured)}; by mechanics "
     sentence += f"{measured['multiplier_expected']:.2f}."
     numbers = own_physics(measures)
     numbers["own_physics"]["yaw_ripple"] = measured.get("ripple")

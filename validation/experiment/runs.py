@@ -19,7 +19,7 @@ from validation.output import Document, Progress, Progressing, silent
 from validation.simulator.description import WHEELS
 from validation.simulator.health import Health, run_health
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
+from validation.simulator.wheel_loads import resting_loads, summarise_loads, with_quasi_static
 
 _LONG_AT_LIMIT = 0.5
 """Time at a motor's limit from which on a run says so [s]; setting off takes less."""
@@ -40,7 +40,7 @@ class Run:
     health: Health | None = None
     """The verdict on the wheel loads; only a MuJoCo robot has one, and only on level ground."""
     loads: Document | None = None
-    """The loads that its wheels carried, see `summarise`; only a MuJoCo robot knows them."""
+    """The loads that its wheels carried, see `summarise_loads`; only a MuJoCo robot knows them."""
 
     @property
     def real_time_factor(self) -> float:
@@ -160,7 +160,7 @@ def _pushed(
 def _examined(run: Run, plant: MujocoPlant, source: Source, push_seed: int | None) -> Run:
     """Return a run of MuJoCo's robot with the loads of its wheels and the verdict on them."""
     motions = tuple(with_quasi_static(motion, plant, run.localiser) for motion in run.motions)
-    run = replace(run, motions=motions, loads=summarise(motions, resting_loads(plant)))
+    run = replace(run, motions=motions, loads=summarise_loads(motions, resting_loads(plant)))
     if not plant.terrain.level:  # on a ramp loads say nothing of health
         return run
     given = any(piece.commands.kind == "wheels" for piece in source.pieces)

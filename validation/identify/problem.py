@@ -42,7 +42,7 @@ from validation.identify.objective import (
     usual_torque_weight,
 )
 from validation.plants.kind import PlantProfile, Population
-from validation.plants.searchable import find, own_indices, with_values
+from validation.plants.searchable import find_number, own_indices, with_values
 from validation.plants.table import STANDARD, plant_kind
 from validation.workers import rate_there
 
@@ -140,7 +140,7 @@ class FitProblem:
         values = []
         spreads = []
         for name in self.space.names:
-            values.append(find(self.model, name, self.base.robot).read(self.base))
+            values.append(find_number(self.model, name, self.base.robot).read(self.base))
             spreads.append(self.base.spread.get(name.partition("@")[0], np.nan))
         # a value of before may lie outside the bounds; its nearest point is the prior's centre
         within = np.clip(values, self.space.lower, self.space.upper)

@@ -38,13 +38,13 @@ def declare(name: str) -> PlantKind:
         name,
         OwnNumbers,
         lambda _: OwnNumbers(),
-        partial(_build, name, foreign),
+        partial(_build_plant, name, foreign),
         _FREE,
         colour="#7a5195",
     )
 
 
-def _build(
+def _build_plant(
     name: str,
     foreign: ForeignRobot,
     section: PlantProfile,

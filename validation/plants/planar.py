@@ -73,7 +73,7 @@ def _model_of(section: PlantProfile) -> PlanarModel:
     return PlanarModel(section.parameters, section.vehicle, section.drive)
 
 
-def defaults(kind: type, robot: Robot) -> Any:
+def default_parameters(kind: type, robot: Robot) -> Any:
     """Return the thesis' parameters of a planar model, scaled to a robot's size.
 
     Friction and shares stay as they are. Of robots of one shape that do all things in the same
@@ -107,7 +107,7 @@ def _kinematic_defaults(robot: Robot) -> KinematicParameters:
     spot in closed form: the sides' rims move at -1 and 1 m/s, the middle at (forward, across), and
     v - omega y is a side's rim speed at its centre of rotation.
     """
-    numbers: KinematicParameters = defaults(KinematicParameters, robot)
+    numbers: KinematicParameters = default_parameters(KinematicParameters, robot)
     x, y, _ = whole_com(robot)
     turn = spot_turn(robot)
     is_central = max(abs(x), abs(y)) < _CENTRAL * robot.wheelbase
@@ -153,7 +153,7 @@ def declare(name: str) -> PlantKind:
             name,
             FourWheelParameters,
             tyred_defaults,
-            _tyred,
+            _four_wheel_plant,
             _TYRED_FREE,
             colour="#56b4e9",
             torques=True,
@@ -178,7 +178,7 @@ def declare(name: str) -> PlantKind:
     return PlantKind(
         name,
         law.parameters,
-        _kinematic_defaults if name == "kinematic" else partial(defaults, law.parameters),
+        _kinematic_defaults if name == "kinematic" else partial(default_parameters, law.parameters),
         lambda section, *_: PlanarPlant(_model_of(section)),
         _KINEMATIC if law.ideal else free,
         colour=law.colour,
@@ -188,7 +188,7 @@ def declare(name: str) -> PlantKind:
     )
 
 
-def _tyred(section: PlantProfile, *_: object) -> FourWheelPlant:
+def _four_wheel_plant(section: PlantProfile, *_: object) -> FourWheelPlant:
     """Return the robot on four tyres; it knows neither terrain nor physics settings."""
     return FourWheelPlant(section.parameters, section.drive)
 

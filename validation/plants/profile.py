@@ -33,7 +33,7 @@ from validation.descriptions.loading import load_robot
 from validation.files import reading
 from validation.output import Document, one_line
 from validation.plants.kind import PARTS, PlantProfile
-from validation.plants.searchable import searchable
+from validation.plants.searchable import searchable_numbers
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, is_foreign, plant_kind
 from validation.simulator.description import USUAL_ROBOT, Robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
@@ -150,7 +150,7 @@ class Profile:
             KeyError: there is no such plant.
         """
         if (plant in OWN_MODELS or is_foreign(plant)) and plant not in self.plants:
-            return _defaults(plant, self.robot)
+            return _default_plant(plant, self.robot)
         return self.plants[STANDARD if plant in SECOND_OPINIONS else plant]
 
     def with_(self, **changes: Document) -> Profile:
@@ -171,7 +171,7 @@ class Profile:
             reading.require_known(values, homes, plant)
             for name, value in values.items():
                 home = homes[name]
-                changed = _fill(getattr(section, home), {name: value}, plant)
+                changed = _fill_fields(getattr(section, home), {name: value}, plant)
                 section = replace(section, **{home: changed})
             plants[plant] = section
         return replace(self, name=f"{self.name}-changed", plants=plants)
@@ -189,10 +189,10 @@ class Profile:
         plants: Document = {}
         for name, plant in self.plants.items():
             section: Document = {}
-            bare = _defaults(name, plant.robot).numbers()
+            bare = _default_plant(name, plant.robot).numbers()
             for part, numbers in plant.numbers().items():
                 section[part] = {k: v for k, v in numbers.items() if v != bare[part][k]}
-            section["bands"] = {kind: _rounded(band, 4) for kind, band in plant.bands.items()}
+            section["bands"] = {kind: _round_numbers(band, 4) for kind, band in plant.bands.items()}
             section["spread"] = dict(plant.spread)
             # a table without entries would only make the file longer
             section = {part: values for part, values in section.items() if values}
@@ -207,7 +207,7 @@ class Profile:
             "plants": plants,
         }
         if self.fitted_at is not None:
-            document["fitted_at"] = _rounded(self.fitted_at, 3)
+            document["fitted_at"] = _round_numbers(self.fitted_at, 3)
         document["provenance"] = dict(self.provenance)
         text = tomli_w.dumps(output.encodable(document))
         path = Path(path)
@@ -216,18 +216,18 @@ class Profile:
         return path
 
 
-def _rounded(numbers: Band | Pace, digits: int) -> dict[str, float]:
+def _round_numbers(numbers: Band | Pace, digits: int) -> dict[str, float]:
     """Return all fields with so many digits, as a file has them."""
     return {name: float(f"{value:.{digits}g}") for name, value in asdict(numbers).items()}
 
 
-def shipped() -> dict[str, Path]:
+def shipped_profiles() -> dict[str, Path]:
     """Return the files of the profiles that come with the package, by name."""
     folder = Path(str(resources.files("validation.plants"))) / "profiles"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-def _defaults(name: str, robot: Robot) -> PlantProfile:
+def _default_plant(name: str, robot: Robot) -> PlantProfile:
     """Return the numbers of a robot's plant that nothing was fitted to."""
     kind = plant_kind(name)
     drive = robot.motor_drive if kind.torques else robot.drive
@@ -241,7 +241,7 @@ def bare_profile(robot: Robot) -> Profile:
         ValueError: numbers that do not go together.
     """
     try:
-        plants = {name: _defaults(name, robot) for name in PLANTS}
+        plants = {name: _default_plant(name, robot) for name in PLANTS}
     except ValueError as error:
         raise ValueError(f"robot {robot.name}: {error}") from error
     words = f"{robot.title or robot.name} as its file has it"
@@ -285,10 +285,10 @@ def load_profile(name_or_path: str | Path) -> Profile:
         ValueError: there is none, or it says something that cannot be; the message names file,
             section and key.
     """
-    return reading.load_named("profile", str(name_or_path), shipped(), _parse)
+    return reading.load_named("profile", str(name_or_path), shipped_profiles(), _parse_profile)
 
 
-def _parse(document: Document) -> Profile:
+def _parse_profile(document: Document) -> Profile:
     """Return the profile that a file's document holds; a ValueError says where it is wrong."""
     found = reading.typed({"schema": None, **document}, _KINDS)
     entry = found.get("robot", USUAL_ROBOT)
@@ -296,19 +296,19 @@ def _parse(document: Document) -> Profile:
         robot = load_robot(entry) if isinstance(entry, str) else parse_robot(entry)
     except ValueError as error:
         raise ValueError(f"[robot] {error}") from error
-    vehicle = _fill(robot.vehicle, found.get("vehicle", {}), "vehicle")
+    vehicle = _fill_fields(robot.vehicle, found.get("vehicle", {}), "vehicle")
     sections = found.get("plants", {})
     foreign = {name for name in sections if is_foreign(name)}
     reading.require_known(sections, {*PLANTS, *OWN_MODELS, *foreign}, "plants")
     plants = {}
     for plant in (*PLANTS, *(model for model in (*OWN_MODELS, *foreign) if model in sections)):
         section = sections.get(plant, {})
-        defaults = replace(_defaults(plant, robot), vehicle=vehicle)
-        drive = _fill(defaults.drive, found.get("drive", {}), "drive")
+        defaults = replace(_default_plant(plant, robot), vehicle=vehicle)
+        drive = _fill_fields(defaults.drive, found.get("drive", {}), "drive")
         plants[plant] = _parse_plant(replace(defaults, drive=drive), section, f"plants.{plant}")
     fitted_at = None
     if "fitted_at" in found:
-        fitted_at = _fill(Pace(), found["fitted_at"], "fitted_at")
+        fitted_at = _fill_fields(Pace(), found["fitted_at"], "fitted_at")
     return Profile(
         found.get("name", "unnamed"),
         found.get("description", ""),
@@ -323,23 +323,23 @@ def _parse_plant(common: PlantProfile, section: Document, where: str) -> PlantPr
     reading.require_known(section, {*PARTS, "bands", "spread"}, where)
     parts: Document = {}
     for part in PARTS:
-        parts[part] = _fill(getattr(common, part), section.get(part, {}), f"{where}.{part}")
+        parts[part] = _fill_fields(getattr(common, part), section.get(part, {}), f"{where}.{part}")
     entries = section.get("bands", {})
     reading.require_known(entries, {"commands", "wheels"}, f"{where}.bands")
     bands = {}
     for kind, entry in entries.items():
         # bands of version 2.0 had more causes, and say nothing of today's
         if not (isinstance(entry, dict) and "bend_walk" in entry):
-            bands[kind] = _fill(Band(), entry, f"{where}.bands.{kind}")
+            bands[kind] = _fill_fields(Band(), entry, f"{where}.bands.{kind}")
     spread = section.get("spread", {})
     if spread:
         plant = where.removeprefix("plants.")
-        known = (number.name for number in searchable(plant, common.robot))
+        known = (number.name for number in searchable_numbers(plant, common.robot))
         spread = reading.typed(spread, dict.fromkeys(known, _SPREAD), f"{where}.spread")
     return replace(common, bands=bands, spread=spread, **parts)
 
 
-def _fill(default: T, values: Document, where: str) -> T:
+def _fill_fields(default: T, values: Document, where: str) -> T:
     """Return a copy of `default` with `values` in place, each of the type its field has."""
     kinds: Document = {}
     for f in fields(default):  # type: ignore[arg-type]

@@ -28,7 +28,7 @@ _BOTH_DELAYS = Parameter(
 """A number that is no single field: one delay for both commands."""
 
 
-def _declared(
+def _declared_numbers(
     section: str, kind: type, allowed: Container[str], robot: Robot
 ) -> tuple[Parameter, ...]:
     """Return the numbers of one part of a plant that have finite default bounds."""
@@ -48,29 +48,31 @@ friction of 1.5 can follow. Beyond some 20 m/s2 its motions are alike, and searc
 plain. A planar model without limits of its motors follows any."""
 
 
-def _followed(number: Parameter) -> Parameter:
+def _follow_declaration(number: Parameter) -> Parameter:
     if number.name != "acceleration_v":
         return number
     return replace(number, upper=min(number.upper, _FOLLOWED))
 
 
 @lru_cache(maxsize=64)
-def searchable(plant: str, robot: Robot) -> tuple[Parameter, ...]:
+def searchable_numbers(plant: str, robot: Robot) -> tuple[Parameter, ...]:
     """Return every number of a plant that a fit may move; default bounds scale with the robot.
 
     Raises:
         ValueError: there is no such plant.
     """
     kind = plant_kind(plant)
-    drive = _declared("drive", Drive, kind.drive, robot)
+    drive = _declared_numbers("drive", Drive, kind.drive, robot)
     if kind.torques:
-        drive = tuple(map(_followed, drive))
+        drive = tuple(map(_follow_declaration, drive))
     return (
-        *_declared("parameters", kind.parameters, describe_parameters(kind.parameters), robot),
-        *_declared("vehicle", Vehicle, kind.vehicle, robot),
+        *_declared_numbers(
+            "parameters", kind.parameters, describe_parameters(kind.parameters), robot
+        ),
+        *_declared_numbers("vehicle", Vehicle, kind.vehicle, robot),
         *drive,
         _BOTH_DELAYS,
-        *_declared("localiser", Localiser, describe_parameters(Localiser), robot),
+        *_declared_numbers("localiser", Localiser, describe_parameters(Localiser), robot),
     )
 
 
@@ -81,13 +83,13 @@ _OF_A_GROUND = ("friction", "mu_c", "mu_s", "mu_d", "k_y", "rolling_resistance",
 
 
 @lru_cache(maxsize=1024)
-def find(plant: str, name: str, robot: Robot) -> Parameter:
+def find_number(plant: str, name: str, robot: Robot) -> Parameter:
     """Return a plant's searchable number by its name, with or without a tag.
 
     Raises:
         ValueError: there is no such plant or number; the message lists those there are.
     """
-    numbers = {s.name: s for s in searchable(plant, robot)}
+    numbers = {s.name: s for s in searchable_numbers(plant, robot)}
     number = name.partition("@")[0]
     require_one_of(number, numbers, f"{plant} has no parameter '{number}' to fit")
     return replace(numbers[number], name=name)
@@ -133,9 +135,9 @@ def make_space(
         ValueError: an unknown name, bounds for a number that is not free, one number under two
             names, or bounds that make no sense.
     """
-    chosen = [find(plant, name, robot) for name in names]
+    chosen = [find_number(plant, name, robot) for name in names]
     for name in bounds:
-        find(plant, name, robot)
+        find_number(plant, name, robot)
         if name not in {*(s.name for s in chosen), *(s.name.partition("@")[0] for s in chosen)}:
             raise ValueError(f"bounds are given for {name}, which is not free")
     # two names of one number, such as delay and delay_v, would undo each other
@@ -178,7 +180,7 @@ def with_values(
         if len(places) > 1:
             own = [shares[k] for k in places]
             value = float(np.average([given[k] for k in places], weights=own))
-        for place in find(name, number, plant.robot).places:
+        for place in find_number(name, number, plant.robot).places:
             section, _, field = place.partition(".")
             sections[section][field] = float(value)
     changed = {}

@@ -20,7 +20,7 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.types import FloatArray, State, Trajectory
 from validation.engines.body import EngineMissingError
 from validation.engines.ode import GAZEBO, MAKERS_HUSKY, FrictionDirection, FrictionLaw, OdeBody
-from validation.engines.ode_library import ode
+from validation.engines.ode_library import load_ode
 from validation.engines.plant import EnginePlant
 from validation.experiment.runs import drive
 from validation.experiment.sources import open_source
@@ -145,7 +145,7 @@ def _repeat_gazebo(task: Task) -> Findings:
         "cases": 0,
     }
     try:
-        ode()
+        load_ode()
     except EngineMissingError as error:
         obstacle = Pair(None, None, "words", obstacle=str(error))
         return Findings({"Sec. 3.7": {law: {"straight_share": obstacle} for law in _LAWS}}, words)

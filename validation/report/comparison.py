@@ -38,7 +38,7 @@ from validation.report.driven import MARKERS
 from validation.report.motions import Motions, headline_error
 from validation.report.scene_robots import Track
 from validation.simulator.description import WHEELS
-from validation.simulator.health import verdict
+from validation.simulator.health import health_verdict
 from validation.simulator.wheel_loads import QUASI_STATIC
 
 if TYPE_CHECKING:
@@ -237,7 +237,9 @@ class Comparison(Motions):
         title = "Wheel loads [N] (dotted: quasi-static)"
         run = self.runs.get(track.name)
         if run is not None and (health := run.health) is not None:
-            title += f": {verdict(health)}, least {health['lowest_load_share']:.0%} of the mean"
+            title += (
+                f": {health_verdict(health)}, least {health['lowest_load_share']:.0%} of the mean"
+            )
         draw_curves(curves, 10.0, ax, title=title, **self.time_axis)
         ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.95), ncols=4, **KEY)
 

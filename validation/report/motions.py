@@ -30,7 +30,7 @@ from validation.report.palette import Rgb
 from validation.report.scene_robots import Series, Track, shades_of
 from validation.report.table import Row, Table
 from validation.simulator.description import WHEELS
-from validation.simulator.health import verdict
+from validation.simulator.health import health_verdict
 from validation.simulator.terrain import FLAT
 
 if TYPE_CHECKING:
@@ -389,7 +389,7 @@ def _health_table(runs: Runs) -> Table:
     for name, result in runs.items():
         h = result.health
         if h is not None:
-            known = {**h, "verdict": verdict(h)}
+            known = {**h, "verdict": health_verdict(h)}
             rows.append({"plant": name} | {key: known.get(key) for key in _HEALTH_COLUMNS})
     return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.robot.drive import motor_numbers
 from ssmr.types import FloatArray, State
-from validation.simulator.motors import controls
+from validation.simulator.motors import actuator_inputs
 
 _TURN = 2.0 * np.pi
 _READING = 0.1
@@ -121,7 +121,7 @@ class MujocoBodies:
         """
         control = np.zeros((*references.shape[:2], self._width))
         nu = self._first.model.nu
-        control[:, :, :nu] = controls(self._first.model, references)
+        control[:, :, :nu] = actuator_inputs(self._first.model, references)
         inertia = self._inertia if rows is None else self._inertia[rows]
         control[:, :, nu + 5] = inertia[:, None] * pushes
         most = max(1, round(_READING / self._first.dt))

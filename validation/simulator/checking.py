@@ -79,7 +79,7 @@ def robot_outline(robot: Robot) -> FloatArray:
     return np.array([lowest, highest])
 
 
-def guessed(robot: Robot) -> list[str]:
+def guessed_numbers(robot: Robot) -> list[str]:
     """Return the numbers of body, wheels and motors that nobody has measured or published.
 
     Each is a key `section.name`.

@@ -130,7 +130,7 @@ def _hand_made(robot: Robot) -> mujoco.MjSpec:
         # those that come with the package need no trial in a child process, and bring no files
         files: Mapping[str, bytes] = {}
         if path.parent != models_folder():
-            text, files = foreign.tried(text, path.parent)
+            text, files = foreign.try_compiling(text, path.parent)
         spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
     except ValueError as error:
         reason = " ".join(str(error).split())
@@ -169,7 +169,7 @@ def _add_body(parent: Any, name: str, at: Any, mass: float, com: Any, moments: A
     )
 
 
-def _look(kind: mjtGeom, size: list[float], colour: list[float], **more: Any) -> dict[str, Any]:
+def _look_of(kind: mjtGeom, size: list[float], colour: list[float], **more: Any) -> dict[str, Any]:
     """Return the properties of a geom that is seen and touches nothing."""
     massless = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
     three_sizes = [*size, 0.0, 0.0][:3]
@@ -182,9 +182,9 @@ def _add_hull(base: Any, robot: Robot) -> None:
     x, y, z = robot.body_centre
     half = [0.5 * length, 0.5 * width, 0.5 * height]
     nose = [0.06 * length, 0.25 * width, 0.06 * height]
-    base.add_geom(name="hull", pos=[x, y, z], **_look(mjtGeom.mjGEOM_BOX, half, _HULL))
+    base.add_geom(name="hull", pos=[x, y, z], **_look_of(mjtGeom.mjGEOM_BOX, half, _HULL))
     ahead = [x + 0.85 * half[0], y, z + half[2] + nose[2]]
-    base.add_geom(name="nose", pos=ahead, **_look(mjtGeom.mjGEOM_BOX, nose, _METAL))
+    base.add_geom(name="nose", pos=ahead, **_look_of(mjtGeom.mjGEOM_BOX, nose, _METAL))
 
 
 def _add_wheel(base: Any, robot: Robot, wheel: str, place: list[float]) -> None:
@@ -213,9 +213,9 @@ def _add_wheel(base: Any, robot: Robot, wheel: str, place: list[float]) -> None:
     reach = 1.2 * math.hypot(radius, half)
     body.add_site(name=f"{wheel}_load", size=[reach] * 3, group=4)
     drum = mjtGeom.mjGEOM_CYLINDER
-    rubber = _look(drum, [radius, half], _RUBBER, zaxis=[0, 1, 0])
-    hub = _look(drum, [0.5 * radius, 1.01 * half], _METAL, zaxis=[0, 1, 0])
-    spoke = _look(mjtGeom.mjGEOM_BOX, [0.45 * radius, 1.03 * half, 0.06 * radius], _DARK)
+    rubber = _look_of(drum, [radius, half], _RUBBER, zaxis=[0, 1, 0])
+    hub = _look_of(drum, [0.5 * radius, 1.01 * half], _METAL, zaxis=[0, 1, 0])
+    spoke = _look_of(mjtGeom.mjGEOM_BOX, [0.45 * radius, 1.03 * half, 0.06 * radius], _DARK)
     body.add_geom(name=f"{wheel}_rubber", **rubber)
     body.add_geom(name=f"{wheel}_hub", **hub)
     for k in range(_SPOKES):

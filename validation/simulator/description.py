@@ -298,7 +298,7 @@ _RANGES = {
 """Least and greatest value of the numbers of each list."""
 
 
-def _keys(kind: type, *names: str) -> dict[str, Field[Any]]:
+def _file_keys(kind: type, *names: str) -> dict[str, Field[Any]]:
     """Return fields of a dataclass by the keys that a file has for them; all if none is named.
 
     A name is the field's, or `key=field` where the file has another.
@@ -314,11 +314,15 @@ def _keys(kind: type, *names: str) -> dict[str, Field[Any]]:
 _LENGTHS = ("wheelbase", "track", "wheel_radius", "wheel_width", "axle_height")
 SECTIONS: Mapping[str, Mapping[str, Field[Any]]] = MappingProxyType(
     {
-        "geometry": _keys(Robot, *_LENGTHS, "body_size", "body_centre", "imu", "joints", "link"),
-        "mass": _keys(Robot, "total=mass", "wheel=wheel_mass", "wheel_inertia", "com", "inertia"),
-        "drive": _keys(Drive),
-        "simulation": _keys(Robot, "friction", "gain", "armature", "wheel_shape", "timestep"),
-        "vehicle": _keys(Vehicle),
+        "geometry": _file_keys(
+            Robot, *_LENGTHS, "body_size", "body_centre", "imu", "joints", "link"
+        ),
+        "mass": _file_keys(
+            Robot, "total=mass", "wheel=wheel_mass", "wheel_inertia", "com", "inertia"
+        ),
+        "drive": _file_keys(Drive),
+        "simulation": _file_keys(Robot, "friction", "gain", "armature", "wheel_shape", "timestep"),
+        "vehicle": _file_keys(Vehicle),
     }
 )
 """The sections of a robot's file, and the field that each key fills."""
@@ -400,9 +404,9 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     name = texts["name"]
     if not name.replace("-", "").replace("_", "").isalnum():
         raise ValueError(f"name is '{name}', wanted letters, digits, '-' and '_'")
-    given = {section: _section(found.get(section, {}), section) for section in SECTIONS}
+    given = {section: _read_section(found.get(section, {}), section) for section in SECTIONS}
     texts["mjcf"] = _mjcf_path(texts["mjcf"], folder)
-    own: Document = {"sources": _sources(found.get("sources", {})), **texts}
+    own: Document = {"sources": _check_sources(found.get("sources", {})), **texts}
     for section in ("geometry", "mass", "simulation"):
         own |= given[section]
     robot = Robot(**own)
@@ -459,7 +463,7 @@ def _given_keys(document: Mapping[str, Any], robot: Robot) -> tuple[str, ...]:
     return tuple(keys)
 
 
-def _filled(
+def _fill_missing(
     numbers: Sequence[float],
     estimates: Sequence[float],
     is_missing: Callable[[float], bool] = math.isnan,
@@ -475,13 +479,13 @@ def _complete_body(robot: Robot) -> Document:
     """Return the hull; what is not given fits between the tyres."""
     length = robot.wheelbase + robot.wheel_radius
     width = 0.9 * max(robot.track - robot.wheel_width, 0.01)
-    size = _filled(robot.body_size, (length, width, 1.2 * robot.wheel_radius), not_)
-    centre = _filled(robot.body_centre, (0.0, 0.0, robot.axle_height + 0.25 * size[2]))
-    com = _filled(robot.com, centre)
+    size = _fill_missing(robot.body_size, (length, width, 1.2 * robot.wheel_radius), not_)
+    centre = _fill_missing(robot.body_centre, (0.0, 0.0, robot.axle_height + 0.25 * size[2]))
+    com = _fill_missing(robot.com, centre)
     return {
         "body_size": size,
         "body_centre": centre,
-        "imu": _filled(robot.imu, centre),
+        "imu": _fill_missing(robot.imu, centre),
         "com": com,
     }
 
@@ -503,8 +507,8 @@ def _complete_masses(robot: Robot) -> Document:
         box.append(base * squares / 12.0)
     return {
         "wheel_mass": wheel,
-        "wheel_inertia": _filled(robot.wheel_inertia, (across, spin), not_),
-        "inertia": _filled(robot.inertia, box, not_),
+        "wheel_inertia": _fill_missing(robot.wheel_inertia, (across, spin), not_),
+        "inertia": _fill_missing(robot.inertia, box, not_),
     }
 
 
@@ -523,7 +527,7 @@ def _complete_motors(robot: Robot) -> Document:
     }
 
 
-def _kind(f: Field[Any]) -> Any:
+def _value_kind(f: Field[Any]) -> Any:
     """Return the type of a field's value in a file."""
     if isinstance(f.default, tuple):
         # NaN stands for a number to estimate, where the default is NaN
@@ -536,15 +540,15 @@ def _kind(f: Field[Any]) -> Any:
     return Annotated[reading.TomlNumber, Meta(description=f"a number [{declared.unit}]")]
 
 
-def _section(section: Mapping[str, Any], name: str) -> Document:
+def _read_section(section: Mapping[str, Any], name: str) -> Document:
     """Return the numbers of one section by field, each of the type that its field has."""
-    kinds = {key: _kind(f) for key, f in SECTIONS[name].items()}
+    kinds = {key: _value_kind(f) for key, f in SECTIONS[name].items()}
     values = reading.typed(section, kinds, name)
     given: Document = {}
     for key, f in SECTIONS[name].items():
         declared = declaration_of(f)
         if key in values:
-            given[f.name] = _rounded(values[key])
+            given[f.name] = _round_tiny(values[key])
             if declared is not None:
                 declared.check(f"[{name}] {key}", given[f.name])
         elif f.default is MISSING:
@@ -553,7 +557,7 @@ def _section(section: Mapping[str, Any], name: str) -> Document:
     return given
 
 
-def _rounded(value: Any) -> Any:
+def _round_tiny(value: Any) -> Any:
     """Return a value from a file with 0 for numbers so small that a float has not all its digits.
 
     MuJoCo does not read those.
@@ -561,11 +565,11 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, str):
         return value
     if isinstance(value, tuple):
-        return tuple(map(_rounded, value))
+        return tuple(map(_round_tiny, value))
     return round(value, 300)
 
 
-def _sources(section: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+def _check_sources(section: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     """Return keys and texts of the sources, checked."""
     kinds = dict.fromkeys(SECTIONS, _SOURCE)
     for name, keys in SECTIONS.items():

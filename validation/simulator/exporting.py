@@ -16,7 +16,7 @@ from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads noth
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS, Robot
-from validation.simulator.model import adjust, on_ground, pair_with_ground
+from validation.simulator.model import adjust_model, on_ground, pair_with_ground
 from validation.simulator.motors import set_motors
 
 _ENDLESS = 1e16
@@ -29,7 +29,7 @@ _LYING = (0.5 * math.pi, 0.0, 0.0)
 """Roll, pitch and yaw of a cylinder whose axis is that of a wheel [rad]."""
 
 
-def _element(tag: str, *inside: str, **attributes: str) -> str:
+def _element_text(tag: str, *inside: str, **attributes: str) -> str:
     """Return the text of an XML element."""
     opened = tag
     for name, value in attributes.items():
@@ -56,27 +56,29 @@ def urdf_text(robot: Robot) -> str:
     that read URDFs refuse inertia in the first link. Wheels have links like `front_left_wheel_link`
     and the robot's `wheel_joints`.
     """
-    e = _element
+    e = _element_text
 
     def link(
         name: str, mass: float, com: Iterable[float], moments: Iterable[float], *shape: str
     ) -> str:
         ixx, iyy, izz = map(repr, moments)
         inertia = e("inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
-        inertial = e("inertial", e("origin", xyz=_row(com)), e("mass", value=repr(mass)), inertia)
+        inertial = e(
+            "inertial", e("origin", xyz=_numbers_text(com)), e("mass", value=repr(mass)), inertia
+        )
         return e("link", inertial, e("visual", *shape), e("collision", *shape), name=name)
 
     def joint(name: str, kind: str, child: str, at: Iterable[float], *axis: str) -> str:
         ends = e("parent", link="base_link"), e("child", link=child)
-        return e("joint", *ends, e("origin", xyz=_row(at)), *axis, name=name, type=kind)
+        return e("joint", *ends, e("origin", xyz=_numbers_text(at)), *axis, name=name, type=kind)
 
     origin = (0.0, 0.0, 0.0)
     hull = (
-        e("origin", xyz=_row(robot.body_centre)),
-        e("geometry", e("box", size=_row(robot.body_size))),
+        e("origin", xyz=_numbers_text(robot.body_centre)),
+        e("geometry", e("box", size=_numbers_text(robot.body_size))),
     )
     drum = e("cylinder", radius=repr(robot.wheel_radius), length=repr(robot.wheel_width))
-    tyre = e("origin", xyz="0 0 0", rpy=_row(_LYING)), e("geometry", drum)
+    tyre = e("origin", xyz="0 0 0", rpy=_numbers_text(_LYING)), e("geometry", drum)
     axis = e("axis", xyz="0 1 0")
     parts = [
         e("link", name="base_link"),
@@ -100,7 +102,7 @@ def sdf_text(robot: Robot) -> str:
     speed loops: those are left out.
     """
     mu = repr(robot.friction)
-    e = _element
+    e = _element_text
 
     def link(
         name: str,
@@ -113,7 +115,7 @@ def sdf_text(robot: Robot) -> str:
         inertia = ""
         for key, moment in zip(("ixx", "iyy", "izz"), moments, strict=True):
             inertia += e(key, repr(moment))
-        centre = e("pose", f"{_row(com)} 0 0 0")
+        centre = e("pose", f"{_numbers_text(com)} 0 0 0")
         inertial = e("inertial", centre, e("mass", repr(mass)), e("inertia", inertia))
         return e("link", pose, inertial, shapes, name=name)
 
@@ -121,18 +123,18 @@ def sdf_text(robot: Robot) -> str:
         seen = e("visual", shape, name=f"{name}_visual")
         return seen + e("collision", shape, surface, name=f"{name}_collision")
 
-    box = e("box", e("size", _row(robot.body_size)))
-    hull = e("pose", f"{_row(robot.body_centre)} 0 0 0") + e("geometry", box)
+    box = e("box", e("size", _numbers_text(robot.body_size)))
+    hull = e("pose", f"{_numbers_text(robot.body_centre)} 0 0 0") + e("geometry", box)
     drum = e(
         "cylinder", e("radius", repr(robot.wheel_radius)), e("length", repr(robot.wheel_width))
     )
-    tyre = e("pose", f"0 0 0 {_row(_LYING)}") + e("geometry", drum)
+    tyre = e("pose", f"0 0 0 {_numbers_text(_LYING)}") + e("geometry", drum)
     grip = e("surface", e("friction", e("ode", e("mu", mu), e("mu2", mu))))
     limits = e("lower", repr(-_ENDLESS)) + e("upper", repr(_ENDLESS))
     if math.isfinite(robot.drive.torque_limit):
         limits += e("effort", repr(0.5 * robot.drive.torque_limit))
     axis = e("axis", e("xyz", "0 1 0"), e("limit", limits))
-    imu = e("pose", f"{_row(robot.imu)} 0 0 0")
+    imu = e("pose", f"{_numbers_text(robot.imu)} 0 0 0")
     parts = [
         e("pose", f"0 0 {robot.base_height!r} 0 0 0"),
         link(
@@ -146,7 +148,7 @@ def sdf_text(robot: Robot) -> str:
         e("frame", imu, name="imu_link", attached_to="base_link"),
     ]
     for wheel, own, place in zip(WHEELS, robot.wheel_joints, robot.wheel_places, strict=True):
-        pose = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link")
+        pose = e("pose", f"{_numbers_text(place)} 0 0 0", relative_to="base_link")
         name = f"{wheel}_wheel_link"
         shapes = seen_and_hit(name, tyre, grip)
         parts.append(
@@ -175,7 +177,7 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     if calibration.friction_ratio != 1.0:
         pair_with_ground(spec)
     model = spec.compile()
-    adjust(model, calibration, drive)
+    adjust_model(model, calibration, drive)
     longest = set_motors(model, calibration, drive, settling=SETTLING)
     spec.copy_back(model)  # nearly all numbers, but not whether a limit counts, and no settings
     for joint in spec.joints:
@@ -192,7 +194,7 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     text = str(spec.to_xml())
     # MuJoCo writes six digits, which is half a micrometre of radius and 25 of a path
     for wheel in WHEELS:
-        size = _row(model.geom(f"{wheel}_tire").size)
+        size = _numbers_text(model.geom(f"{wheel}_tire").size)
         text = re.sub(rf'(<geom name="{wheel}_tire"[^>]* size=)"[^"]*"', rf'\1"{size}"', text)
     return text
 
@@ -240,6 +242,6 @@ def diff_drive_yaml(
     return text
 
 
-def _row(numbers: Iterable[float]) -> str:
+def _numbers_text(numbers: Iterable[float]) -> str:
     """Return the text of numbers, with all their digits."""
     return " ".join(repr(float(number)) for number in numbers)

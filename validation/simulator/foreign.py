@@ -110,7 +110,7 @@ def xml_tree(text: str) -> ElementTree.Element:
     return xml_tags(text)[0].element
 
 
-def _inlined(text: str, folder: Path, depth: int = 0) -> str:
+def _inline_includes(text: str, folder: Path, depth: int = 0) -> str:
     """Return an MJCF with the content of the files that it includes in place of each `<include>`.
 
     Raises:
@@ -122,13 +122,13 @@ def _inlined(text: str, folder: Path, depth: int = 0) -> str:
     for tag in reversed(xml_tags(text)):
         if tag.element.tag != "include":
             continue
-        path = _found(tag.element.get("file", ""), folder, {""})
+        path = _find_file(tag.element.get("file", ""), folder, {""})
         if path is None:
             raise ValueError(f"there is no file '{tag.element.get('file', '')}' {_ELSEWHERE}")
         included = read_file(path, MOST_BYTES)
         if len(included) + len(raw) > MOST_BYTES:
             raise ValueError(f"with the files that it includes it has more than {MOST_BYTES} bytes")
-        part = _inlined(included.decode("utf-8", "replace"), folder, depth + 1)
+        part = _inline_includes(included.decode("utf-8", "replace"), folder, depth + 1)
         root = xml_tags(part)[0]
         content = part.encode()[root.inside : root.end]
         raw = raw[: tag.start] + content + raw[tag.behind :]
@@ -148,7 +148,7 @@ def _own_files(text: str, folder: Path) -> dict[str, bytes]:
         places |= {compiler.get(key, "") for key in ("meshdir", "texturedir", "assetdir")}
     for part in root.iter():
         for name in [v for k, v in part.attrib.items() if k.startswith("file") and v]:
-            path = _found(name, folder, places)
+            path = _find_file(name, folder, places)
             if path is None or name in files:
                 continue
             size = path.stat().st_size + sum(map(len, files.values()))
@@ -160,7 +160,7 @@ def _own_files(text: str, folder: Path) -> dict[str, bytes]:
     return files
 
 
-def _found(name: str, folder: Path, places: Iterable[str]) -> Path | None:
+def _find_file(name: str, folder: Path, places: Iterable[str]) -> Path | None:
     """Return the path of a file that lies in one of the places below `folder`; None without."""
     for place in places:
         path = (folder / place / name).resolve()
@@ -169,7 +169,7 @@ def _found(name: str, folder: Path, places: Iterable[str]) -> Path | None:
     return None
 
 
-def complete(spec: mujoco.MjSpec, files: Mapping[str, bytes]) -> set[str]:
+def complete_spec(spec: mujoco.MjSpec, files: Mapping[str, bytes]) -> set[str]:
     """Take out of an MJCF whatever would keep a robot from being compiled, and tells nothing of it.
 
     Returns the names of files of meshes that are not there.
@@ -234,7 +234,7 @@ def _add_floors(spec: mujoco.MjSpec) -> None:
             spec.worldbody.add_geom(name=name, type=plane, size=[0, 0, 1])
 
 
-def tried(
+def try_compiling(
     text: str, folder: Path | None = None, tolerant: bool = False
 ) -> tuple[str, Mapping[str, bytes]]:
     """Return an MJCF or a URDF and its files by name, once a child process has compiled it.
@@ -244,7 +244,7 @@ def tried(
     Args:
         text: the MJCF or URDF.
         folder: folder of its files; None for a text that may have none.
-        tolerant: leave out what `complete` leaves out.
+        tolerant: leave out what `complete_spec` leaves out.
 
     Raises:
         ValueError: MuJoCo cannot, or not within `ALLOWANCE`, or a file is not to be had.
@@ -259,7 +259,7 @@ def _compile_foreign(text: str, folder: str | None, tolerant: bool) -> guarded.A
     """Compile a text with the files of a folder and no others; return it, their names and bytes."""
     files = {}
     if folder is not None:
-        text = _inlined(text, Path(folder))
+        text = _inline_includes(text, Path(folder))
         files = _own_files(text, Path(folder))
     if os.name == "posix":
         import resource
@@ -268,7 +268,7 @@ def _compile_foreign(text: str, folder: str | None, tolerant: bool) -> guarded.A
     warnings = list[str]()
     mujoco.set_mju_user_warning(warnings.append)
     spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
-    lost = complete(spec, files) if tolerant else set[str]()
+    lost = complete_spec(spec, files) if tolerant else set[str]()
     try:
         spec.compile()
     except ValueError as error:

@@ -56,20 +56,20 @@ What the loads alone do not give is not in it where only they are judged.
 """
 
 
-def trembles(health: Health) -> bool:
+def loads_tremble(health: Health) -> bool:
     """Return whether the loads' sum deviates from the weight by more than a share of it."""
     limit: float = _TREMBLE_SHARE * health.get("weight_N", 0.0)
     return bool(health.get("load_sum_rms_N", 0.0) > limit)
 
 
-def verdict(health: Health) -> str:
+def health_verdict(health: Health) -> str:
     """Return a run's state in a few words."""
     if not health["ok"]:
         return "unhealthy"
-    return "loads tremble" if trembles(health) else "healthy"
+    return "loads tremble" if loads_tremble(health) else "healthy"
 
 
-def _advised(health: Health) -> Health:
+def _with_advice(health: Health) -> Health:
     """Return a verdict with `ok` and `advice`."""
     least = health["lowest_load_share"]
     deviation = health["load_deviation"]
@@ -88,7 +88,7 @@ def _advised(health: Health) -> Health:
             "elliptic cone and a time step of at most 5 ms; if they are as shipped, lower the "
             "gain, raise the armature or limit the acceleration"
         )
-    if trembles(health):
+    if loads_tremble(health):
         remedy = (
             "let the driver go over from each command to the next (command_ramp), let its "
             "reference lag, lower the gain, or raise the armature, which makes the robot "
@@ -113,7 +113,7 @@ def check_health(wheel_loads: FloatArray) -> Health:
     least = wheel_loads.min(axis=0) / mean
     deviation = wheel_loads.std(axis=0) / mean
     loads = {"lowest_load_share": float(least.min()), "load_deviation": float(deviation.max())}
-    return _advised(loads)
+    return _with_advice(loads)
 
 
 def apparent_mass(model: mujoco.MjModel) -> float:
@@ -173,4 +173,4 @@ def run_health(
     health |= {"load_sum_rms_N": float(np.sqrt(np.mean(excess**2))), "weight_N": weight}
     if at_limit is not None:
         health["at_limit"] = at_limit
-    return _advised(health)
+    return _with_advice(health)

@@ -1,6 +1,6 @@
 """A robot, its ground and a calibration -> MjModel.
 
-`_compiled` builds the structure (robot, ground, wheel shape); `set_calibration` and
+`_compile_model` builds the structure (robot, ground, wheel shape); `set_calibration` and
 `set_motors` set the numbers on a compiled model and are the only places that do, so a fit that
 edits one model in place and a profile that is loaded from disk mean the same robot.
 """
@@ -43,7 +43,7 @@ carries nothing sinks nowhere."""
 
 
 @lru_cache(maxsize=64)
-def _compiled(robot: Robot, shape: WheelShape) -> mujoco.MjModel:
+def _compile_model(robot: Robot, shape: WheelShape) -> mujoco.MjModel:
     """Return robot and ground without calibration, looks and sensors that nobody reads.
 
     Those cost time. Tyres and ground are contact pairs, so MuJoCo need not look for others.
@@ -111,14 +111,14 @@ def robot_model(
     Raises:
         ValueError: a calibration whose inertia no body can have.
     """
-    compiled = _compiled(calibration.robot, calibration.wheel_shape)
+    compiled = _compile_model(calibration.robot, calibration.wheel_shape)
     model = mujoco.MjModel.__copy__(compiled)
     model.opt.gravity = terrain.gravity(GRAVITY)
-    adjust(model, calibration, drive, settings)
+    adjust_model(model, calibration, drive, settings)
     return model
 
 
-def adjust(
+def adjust_model(
     model: mujoco.MjModel,
     calibration: Calibration,
     drive: Drive,

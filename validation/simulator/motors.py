@@ -81,7 +81,7 @@ def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
         actuator.set_to_intvelocity(kp=1.0)
 
 
-def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
+def actuator_inputs(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
     """Return the (..., nu) inputs of all actuators for (..., 2) rates of the sides [rad/s]."""
     return np.concatenate([references] * (model.nu // len(SIDES)), axis=-1)
 

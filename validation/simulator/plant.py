@@ -31,7 +31,7 @@ from validation.simulator.model import FREE_DRIVE, contact_settings, robot_model
 from validation.simulator.motors import (
     GIVEN_SHARE,
     GIVEN_STEPS,
-    controls,
+    actuator_inputs,
     lead_rates,
     rates_on_steps,
 )
@@ -247,7 +247,7 @@ class MujocoPlant(BodyPlant):
         for chunk in chunks:
             end = first + len(chunk)
             references = chunk if end < steps else np.vstack([chunk, chunk[-1:]])
-            control = controls(self.model, references)
+            control = actuator_inputs(self.model, references)
             if disturbance is not None:
                 force = np.zeros((len(control), self.model.nv))
                 force[: len(chunk), 5] = self.yaw_inertia * np.asarray(disturbance[first:end])

@@ -49,7 +49,7 @@ def level_rest(
     """
     with solved_exactly(model):
         try:
-            return _search(model, data, *_guess(model, calibration))
+            return _search_rest(model, data, *_guess_rest(model, calibration))
         except np.linalg.LinAlgError:  # fewer than three wheels touch the ground
             return None
 
@@ -71,7 +71,7 @@ def solved_exactly(model: mujoco.MjModel) -> Iterator[None]:
         option.solver, option.tolerance, option.iterations = before
 
 
-def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
+def _guess_rest(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
     """Return a first configuration, and (3,) changes of height [m], roll and pitch [rad].
 
     Each of these changes presses the tyres in to half their depth.
@@ -93,7 +93,7 @@ def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray,
     return start, 0.5 * float(depths.mean()) * levers
 
 
-def _search(
+def _search_rest(
     model: mujoco.MjModel, data: mujoco.MjData, place: FloatArray, reach: FloatArray
 ) -> FloatArray | None:
     """Return the configuration at rest near `place`, in steps of at most `reach`; None without."""

@@ -29,7 +29,7 @@ def held_twist(v: float, w: float, seconds: float) -> Commands:
     return Commands(0.05, np.tile([v, w], (round(seconds / 0.05), 1)))
 
 
-def spin(plant: Plant, seconds: float = _SPIN_TIME, rate: float = _SPIN_RATE) -> Trajectory:
+def spin_on_spot(plant: Plant, seconds: float = _SPIN_TIME, rate: float = _SPIN_RATE) -> Trajectory:
     """Turn on the spot at a commanded yaw rate [rad/s]; return the motion, sampled every `SAMPLE`.
 
     Raises:

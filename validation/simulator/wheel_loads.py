@@ -59,7 +59,7 @@ def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localis
     return replace(motion, channels={**motion.channels, QUASI_STATIC: loads})
 
 
-def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> Document:
+def summarise_loads(pieces: tuple[Trajectory, ...], static: FloatArray) -> Document:
     """Return what the wheels carried over all pieces, each with both channels.
 
     `static` are the (4,) loads at rest on level ground [N]. Lists are in the order of `WHEELS`:

@@ -41,7 +41,7 @@ from validation.simulator.description import Robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
-from validation.simulator.turning import SAMPLE, measure_spin, spin
+from validation.simulator.turning import SAMPLE, measure_spin, spin_on_spot
 from validation.study.common import Study, StudyOptions
 from validation.study.contact_drives import TURNED, creep_speed, rolling_radius, surge_share
 from validation.sweep import sweep
@@ -265,7 +265,7 @@ class Trial:
 
     def spot(self) -> Row:
         """Measures of whole turns on the spot."""
-        measured = measure_spin(spin(self.plant()), self.uncorrected.calibration)
+        measured = measure_spin(spin_on_spot(self.plant()), self.uncorrected.calibration)
         row: Document = {
             "ripple_share": measured.get("ripple"),
             "glide_share": measured["glide"],

@@ -18,7 +18,7 @@ from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, State, Trajectory
 from tests.polygons import polygonal_turn
 from validation import load_robot
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, spin_on_spot
@@ -135,7 +135,9 @@ def draw_speed(section: PlantProfile, measured: dict[str, Setting], ax: Axes) ->
     """Draw the speed along trajectory 3, on ground turned by 45 degrees."""
     piece = replace(open_source("traj3").pieces[0], start=State(yaw=TURNED))
     for key, (colour, words) in LADDER.items():
-        motion: Trajectory = drive(measured[key].plant(section), piece, section.localiser, SAMPLE)
+        motion: Trajectory = drive_piece(
+            measured[key].plant(section), piece, section.localiser, SAMPLE
+        )
         ax.plot(motion.t, motion.twist[:, 0], color=colour, lw=1.0, label=words)
         print(f"{words}: up to {motion.twist[motion.t > 3.0, 0].max():.3f} m/s on trajectory 3")
     ax.axhline(0.5, color="black", lw=0.8, ls=":")

@@ -18,7 +18,7 @@ from ssmr.geometry import integrate_rates, relative_pose, rotate_body_to_world, 
 from ssmr.metrics.paired import chance_of_difference
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.types import FloatArray, IndexArray, Trajectory
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import Piece, Source, open_source
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.table import plant_kind
@@ -65,7 +65,7 @@ def window_errors(source: Source, profile: Profile, plant: str) -> WindowErrors:
     """Return the errors of a plant after 6 s, over the windows in which wheels turn."""
     made = make_plant(profile, plant)
     localiser = profile.plants[plant].localiser
-    poses = [drive(made, piece, localiser, source.sample_dt).pose for piece in source.pieces]
+    poses = [drive_piece(made, piece, localiser, source.sample_dt).pose for piece in source.pieces]
     error = signed_errors(source, poses, 6.0)
     return WindowErrors(6.0, np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2]))
 

@@ -24,7 +24,7 @@ from ssmr.metrics.windows import (
     relative_pose_error,
 )
 from ssmr.types import FloatArray
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import Source, open_source
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
@@ -192,7 +192,7 @@ def scored(plant: PlantProfile, model: str, source: Source) -> OverlappingErrors
     rows = []
     for piece, (starts, ends) in zip(source.pieces, moving(source), strict=True):
         assert piece.reference is not None
-        motion = drive(made, piece, plant.localiser, source.sample_dt)
+        motion = drive_piece(made, piece, plant.localiser, source.sample_dt)
         rows.append(relative_pose_error(motion.pose, piece.reference.pose, starts, ends)[1])
     return interval(np.concatenate(rows))
 

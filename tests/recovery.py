@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ssmr.search.jde import JdeSettings
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import Source, open_source
 from validation.fit import Fit
 from validation.identify.objective import FitCost
 from validation.identify.problem import FitProblem
 from validation.identify.search import search_for
-from validation.identify.uncertainty import estimate, sentences
+from validation.identify.uncertainty import estimate_uncertainty, uncertainty_sentences
 from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.searchable import find_number, make_space, with_values
@@ -86,7 +86,7 @@ def noisy_target(truth: Mapping[str, float], seed: int) -> Source:
     kept = replace(commands, values=commands.values[: round(SECONDS / commands.dt)])
     piece = replace(source.pieces[0], commands=kept)
     plant = make_plant(Profile("drawn", "", {"mujoco": section}, {}), "mujoco")
-    motion = drive(plant, piece, section.localiser, source.sample_dt)
+    motion = drive_piece(plant, piece, section.localiser, source.sample_dt)
     rng = np.random.default_rng([seed, 42])
     noise = rng.normal(size=motion.pose.shape) * [POSITION, POSITION, HEADING]
     torques = motion.channels[TORQUES] + TORQUE * rng.normal(size=(len(motion.t), 2))
@@ -107,11 +107,11 @@ def recover(seed: int, way: Way, torque_weight: float | None = None, workers: in
     start = space.points(np.array([profile])) if way.starts == 1 else None
     settings = JdeSettings(way.population, way.generations)
     search = search_for(problem, settings, asked, start, way.starts)
-    sure = estimate(problem, search.best, workers, search.driven)
+    sure = estimate_uncertainty(problem, search.best, workers, search.driven)
     values = zip(space.names, space.values(search.best).tolist(), strict=True)
     errors = dict(zip(space.names, sure.standard_error.tolist(), strict=True))
     off = {name: value - truth[name] for name, value in values}
-    notes = sentences(problem, sure, search.best)
+    notes = uncertainty_sentences(problem, sure, search.best)
     return Recovered(off, errors, search.wall_s, search.evaluations, notes)
 
 

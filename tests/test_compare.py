@@ -23,8 +23,8 @@ from ssmr.types import Commands, State
 from tests.conftest import exit_status
 from validation import cli
 from validation.compare import compare
-from validation.experiment.runs import drive
-from validation.experiment.scores import score
+from validation.experiment.runs import drive_piece
+from validation.experiment.scores import score_windows
 from validation.experiment.sources import open_source
 from validation.files.csv_logs import write_csv
 from validation.plants.profile import Profile, load_profile, make_plant
@@ -97,12 +97,12 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     (tmp_path / "p.toml").write_text(text)
     shifted = load_profile(str(tmp_path / "p.toml"))
     source = open_source(str(recorded(lab, "kinematic", tmp_path)))
-    there = drive(
+    there = drive_piece(
         make_plant(shifted, "kinematic"), source.pieces[0], Localiser(0.3, 0.1), source.sample_dt
     )
     reference = source.pieces[0].reference
     assert np.allclose(there.pose[0], reference.pose[0])  # type: ignore[union-attr]
-    errors = score(Metrics(), source.pieces, [there], (2.0,)).horizons
+    errors = score_windows(Metrics(), source.pieces, [there], (2.0,)).horizons
     error = errors[2.0].position_median_m
     assert 0.02 < error < 0.4
 

@@ -14,7 +14,7 @@ from ssmr.scenarios import TRAJECTORIES
 from tests.conftest import installed_plant
 from tests.robots import SAME_PATH, TRACK
 from validation.compare import compare
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import open_source
 from validation.plants.profile import Profile
 from validation.report.report import Report
@@ -273,6 +273,6 @@ def test_hard_contact_and_the_quick_solver_do_not_converge_where_the_turn_is_rig
         "ode: best, emulated cone, exact solver",
     ):
         plants = [EVERY[name].plant(section, steps=steps) for steps in (1.0, 2.0)]
-        ends = [drive(plant, piece, section.localiser, 0.01).xy[-1] for plant in plants]
+        ends = [drive_piece(plant, piece, section.localiser, 0.01).xy[-1] for plant in plants]
         moved.append(float(np.hypot(*(ends[1] - ends[0]))))
     assert moved[0] > 0.005 > 0.001 > moved[1]

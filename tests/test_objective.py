@@ -16,7 +16,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import State
 from tests.conftest import EXACT, ROUNDOFF
 from tests.robots import HUSKY
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import Source, open_source
 from validation.files.log import Log
 from validation.identify.objective import FitCost, make_raters
@@ -55,7 +55,7 @@ def scenario(lab: Profile, name: str = "traj4@improved") -> Source:
     plant = make_plant(lab, source.reference)
     pieces = []
     for piece in source.pieces:
-        motion = drive(plant, piece, Localiser(), source.sample_dt)
+        motion = drive_piece(plant, piece, Localiser(), source.sample_dt)
         pieces.append(replace(piece, reference=motion))
     return replace(source, pieces=tuple(pieces))
 
@@ -104,7 +104,7 @@ def test_the_cost_is_made_of_what_comparisons_print(lab: Profile, objective: Any
         candidate = p.candidate(point)
         assert candidate is not None
         plant = make_plant(Profile("", "", {"coulomb": candidate}, {}), "coulomb")
-        motion = drive(plant, target.pieces[0], candidate.localiser, target.sample_dt)
+        motion = drive_piece(plant, target.pieces[0], candidate.localiser, target.sample_dt)
         m = compare_paths(motion, target.truth[0])
         wanted = {
             "path": 20 * m["d_rms_m"] + 8 * m["d_haus_m"] + 5 * abs(1 - m["d_ratio"]),
@@ -210,7 +210,7 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
             assert np.isnan(many[1]).all()
             for row, profile in ((0, plant), (2, other)):
                 made = make_plant(Profile("", "", {name: profile}, {}), name)
-                alone = drive(made, piece, profile.localiser, target.sample_dt)
+                alone = drive_piece(made, piece, profile.localiser, target.sample_dt)
                 assert np.abs(many[row][:, :3] - alone.pose).max() < 1e-12
                 assert many.shape[2] == (5 if plant_kind(name).torques else 3)
                 if plant_kind(name).torques:

@@ -36,7 +36,7 @@ from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.experiment.tracked import track_metrics
-from validation.identify.tuning import delayed
+from validation.identify.tuning import delay_robot
 from validation.plants.profile import load_profile
 
 TRUTH = LoopSettings("truth", disturbance=False)
@@ -238,7 +238,7 @@ def test_mpc_follows_a_robot_that_answers_later_than_it_was_told() -> None:
 def test_a_controller_does_not_know_of_a_delay_that_its_drive_does_not_tell() -> None:
     lab = load_profile("thesis-lab")
     robot = make_robot(lab, "improved")
-    late = delayed(robot, 0.1)
+    late = delay_robot(robot, 0.1)
     law = make_controller(lab, load_gains("lqr-scheduled+predictor"))
     rows: list[float] = []
 

@@ -18,7 +18,7 @@ from tests.test_objective import scenario
 from validation.fit import fit
 from validation.identify.objective import FitCost, PathRater, _path_offsets
 from validation.identify.problem import FitProblem
-from validation.identify.refine import Corrected, Remembered, arrivals, descend
+from validation.identify.refine import Corrected, Remembered, descend_from, descent_ends
 from validation.plants.profile import Profile
 from validation.plants.searchable import find_number, make_space
 from validation.plants.table import plant_kind
@@ -155,7 +155,7 @@ class Plateau:
 def test_a_plateau_is_left() -> None:
     points = np.array([[0.5, 0.95], [0.45, 0.9]])
     costs = np.linalg.norm(Plateau().residuals(points, 1), axis=1)
-    ends = list(arrivals(Plateau(), points, costs, 2, Remembered(), 1, lambda: None))
+    ends = list(descent_ends(Plateau(), points, costs, 2, Remembered(), 1, lambda: None))
     assert ends[0][1] > 0.8
     assert ends[1] == pytest.approx([0.4, 0.2], abs=1e-3)
 
@@ -176,7 +176,7 @@ class Corner:
 def test_a_valley_into_a_bound_is_left_though_all_candidates_are_in_it() -> None:
     points = np.array([[0.9, 0.95], [0.95, 0.1]])
     costs = np.linalg.norm(Corner().residuals(points, 1), axis=1)
-    ends = list(arrivals(Corner(), points, costs, 2, Remembered(), 1, lambda: None))
+    ends = list(descent_ends(Corner(), points, costs, 2, Remembered(), 1, lambda: None))
     assert ends[0] == pytest.approx([1.0, 0.4], abs=1e-3)
     assert ends[1] == pytest.approx([0.3, 0.4], abs=1e-3)
 
@@ -201,7 +201,7 @@ class Line:
 def test_errors_of_a_log_count_by_their_size() -> None:
     errors = {}
     for robust in (True, False):
-        end = descend(Line(9, robust), np.array([0.9, 0.9]), Remembered(), 1, lambda: None)[0]
+        end = descend_from(Line(9, robust), np.array([0.9, 0.9]), Remembered(), 1, lambda: None)[0]
         errors[robust] = float(np.abs(end - [0.3, 0.4]).max())
     assert errors[True] < 0.03
     assert errors[False] > 0.1
@@ -223,9 +223,9 @@ def test_errors_that_are_a_little_wrong_are_corrected_where_a_descent_begins() -
 
     memory = Corrected(lambda points: wrong.residuals(points, 1), errors)
     begin = np.array([0.9, 0.9])
-    end, _ = descend(wrong, begin, memory, 1, lambda: None)
-    wanted, _ = descend(true, begin, Remembered(), 1, lambda: None)
-    uncorrected, _ = descend(wrong, begin, Remembered(), 1, lambda: None)
+    end, _ = descend_from(wrong, begin, memory, 1, lambda: None)
+    wanted, _ = descend_from(true, begin, Remembered(), 1, lambda: None)
+    uncorrected, _ = descend_from(wrong, begin, Remembered(), 1, lambda: None)
     assert np.abs(end - wanted).max() < 1e-4
     assert np.abs(uncorrected - wanted).max() > 0.01
     assert asked == [1]  # there is one descent where errors count by their square

@@ -16,7 +16,7 @@ from ssmr.metrics.windows import horizon_windows, overlapping_windows
 from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
 from validation.experiment.gyro import find_gyro_judge
-from validation.experiment.scores import score, standing_sentences
+from validation.experiment.scores import score_windows, standing_sentences
 from validation.experiment.sources import (
     WindowCut,
     commands_on_grid,
@@ -193,7 +193,7 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
     away = replace(
         reference, pose=reference.pose + np.where(piece.t > 32.0, 0.1 * piece.t, 0.0)[:, None]
     )
-    errors = score(Metrics(), source.pieces, [away], (6.0,)).horizons[6.0]
+    errors = score_windows(Metrics(), source.pieces, [away], (6.0,)).horizons[6.0]
     cut = horizon_windows(piece.t, 6.0, piece.fresh)
     assert errors.n in (5, 6)
     assert (errors.n_standing, errors.position_median_m) == (len(cut[0]) - errors.n, 0.0)
@@ -221,7 +221,7 @@ def test_the_gyro_judges_headings_whatever_its_sign_and_bias(sign: float, stalls
     right = np.interp(t - 0.3, t, integrate_rates(t, columns["cmd_w"]))
     reported = replace(reported, pose=np.column_stack([reported.pose[:, :2], right]))
     by_gyro, by_pose = (
-        score(Metrics(), pieces, [reported], (6.0,)).windows[6.0].yaw
+        score_windows(Metrics(), pieces, [reported], (6.0,)).windows[6.0].yaw
         for pieces in (judge.judging(source, 0.3), source.pieces)
     )
     assert np.median(by_gyro) < 0.01 < np.median(by_pose)

@@ -29,7 +29,7 @@ from validation.identify.tuning import (
     TuneMeasure,
     TuneProblem,
     costs_of,
-    delayed,
+    delay_robot,
     make_tuning_space,
 )
 from validation.output import Progress
@@ -175,14 +175,14 @@ def test_the_guard_refuses_what_more_delay_would_break(lab: Profile) -> None:
 
 def test_a_delayed_robot_stands_on_the_same_ground_with_the_same_physics(lab: Profile) -> None:
     ramp = make_robot(lab, "mujoco", parse_terrain("ramp:5"))
-    late = delayed(ramp, 0.1)
+    late = delay_robot(ramp, 0.1)
     assert late.terrain == ramp.terrain
     assert isinstance(ramp.body, MujocoPlant)
     numbers = lab.plants["mujoco"]
     pyramidal = MujocoPlant(
         numbers.parameters, numbers.drive, settings=PhysicsSettings(cone="pyramidal")
     )
-    body = delayed(replace(ramp, body=pyramidal), 0.1).body
+    body = delay_robot(replace(ramp, body=pyramidal), 0.1).body
     assert isinstance(body, MujocoPlant)
     assert body.model.opt.cone == pyramidal.model.opt.cone != ramp.body.model.opt.cone
 

@@ -10,8 +10,8 @@ import pytest
 from ssmr.search.space import Parameter, ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.problem import IGNORANCE, Day, FitProblem
-from validation.identify.refine import Remembered, descend
-from validation.identify.uncertainty import estimate
+from validation.identify.refine import Remembered, descend_from
+from validation.identify.uncertainty import estimate_uncertainty
 
 SECONDS = 60.0
 PERIOD = 0.1
@@ -68,8 +68,8 @@ def test_intervals_hold_the_truth(seconds: float, least: float, robust: bool) ->
     for seed in range(DRAWS):
         problem = Wave(0.02 * hanging_together(np.random.default_rng(seed), seconds), robust)
         driven = Remembered()
-        end, _ = descend(problem, np.array([0.5, 0.5]), driven, 1, lambda: None)
-        interval = estimate(cast("FitProblem", problem), end, 1, driven).interval
+        end, _ = descend_from(problem, np.array([0.5, 0.5]), driven, 1, lambda: None)
+        interval = estimate_uncertainty(cast("FitProblem", problem), end, 1, driven).interval
         held[seed] = (interval[:, 0] <= [0.4, 0.6]) & ([0.4, 0.6] <= interval[:, 1])
     assert np.all(held.mean(axis=0) >= least)
     assert np.all(held.mean(axis=0) <= 0.995)
@@ -84,7 +84,7 @@ def test_what_no_error_sees_stays_as_unknown_as_the_bounds_leave_it(
     problem.shape = np.column_stack([np.ones(len(T)), np.full(len(T), column)])
     problem.seen = problem.shape @ [0.4, 0.6] + problem.seen - Wave.shape @ [0.4, 0.6]
     end = np.linalg.lstsq(problem.shape, problem.seen)[0]
-    sure = estimate(cast("FitProblem", problem), end)
+    sure = estimate_uncertainty(cast("FitProblem", problem), end)
     assert sure.share[1] == pytest.approx(each * IGNORANCE, rel=0.01)
     seen = np.array([1.0, column])
     known = seen @ (sure.correlation * np.outer(sure.share, sure.share)) @ seen
@@ -100,9 +100,11 @@ def test_each_part_is_left_out_by_a_step_to_the_optimum_of_the_others() -> None:
         0.1 * (T >= 0.75 * SECONDS) + 0.02 * np.random.default_rng(1).normal(size=len(T)),
         robust=False,
     )
-    end, _ = descend(problem, np.array([0.5, 0.5]), driven := Remembered(), 1, lambda: None)
+    end, _ = descend_from(problem, np.array([0.5, 0.5]), driven := Remembered(), 1, lambda: None)
     quarter = np.floor(4.0 * T / SECONDS)
-    for k, point in enumerate(estimate(cast("FitProblem", problem), end, 1, driven).without):
+    for k, point in enumerate(
+        estimate_uncertainty(cast("FitProblem", problem), end, 1, driven).without
+    ):
         rest = quarter != k
         assert point == pytest.approx(
             np.linalg.lstsq(problem.shape[rest], problem.seen[rest])[0], abs=1e-4

@@ -11,7 +11,7 @@ from ssmr.metrics.paired import chance_of_difference
 from ssmr.metrics.windows import WindowErrors, overlapping_windows, relative_pose_error
 from ssmr.types import FloatArray, IndexArray
 from tests.conftest import data_folder
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import Source, open_source
 from validation.plants.profile import load_profile, make_plant
 
@@ -90,7 +90,7 @@ def heading_errors(profile: str, model: str, ground: str) -> WindowErrors:
     rows = []
     for piece, (starts, ends, _) in zip(source.pieces, moving(source), strict=True):
         assert piece.reference is not None
-        motion = drive(plant, piece, loaded.plants[model].localiser, source.sample_dt)
+        motion = drive_piece(plant, piece, loaded.plants[model].localiser, source.sample_dt)
         rows.append(relative_pose_error(motion.pose, piece.reference.pose, starts, ends)[1])
     yaw = np.concatenate(rows)
     return WindowErrors(HORIZON, np.zeros(len(yaw)), np.abs(yaw))

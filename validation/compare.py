@@ -30,7 +30,7 @@ from validation.experiment.runs import Run, drive_all
 from validation.experiment.scores import (
     Scores,
     pace_of,
-    score,
+    score_windows,
 )
 from validation.experiment.sources import (
     RECORDING,
@@ -170,7 +170,7 @@ def compare(o: Compare) -> Comparison:
             judging = chain.from_iterable(gyro.judging(source, each) for each in late)
             pairs = zip(judging, pieces, strict=True)
             by_gyro = [replace(judge, begins=piece.begins) for judge, piece in pairs]
-        scores[name] = score(metrics, pieces, motions, horizons, by_gyro, band)
+        scores[name] = score_windows(metrics, pieces, motions, horizons, by_gyro, band)
     for sentence in health_warnings(runs):
         cli.warn(sentence)
     return Comparison(

@@ -42,7 +42,7 @@ from validation.experiment.sources import (
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.log import ReadOptions
-from validation.identify.beginning import FIRST_FITTED, begin_at, first_points, untold
+from validation.identify.beginning import FIRST_FITTED, begin_at, first_points, friction_left_untold
 from validation.identify.currents import with_torques
 from validation.identify.judging import (
     held_out_scores,
@@ -79,7 +79,12 @@ from validation.identify.targets import (
     open_sources,
     worse_sentences,
 )
-from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty, estimate, sentences
+from validation.identify.uncertainty import (
+    FEWEST_DAYS,
+    Uncertainty,
+    estimate_uncertainty,
+    uncertainty_sentences,
+)
 from validation.output import Document, Progress, file_name, one_line, shortened
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
@@ -467,7 +472,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     settings = o.settings(JAGGED if jagged else SETTINGS[o.search, simulated])
     search = search_for(problem, settings, o, start, STARTS_OF[o.search])
-    if begins and (friction := untold(problem, search, o)):
+    if begins and (friction := friction_left_untold(problem, search, o)):
         return _held(o, friction, space, search.best, opened, warn)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
@@ -526,8 +531,8 @@ def _report(
     notes += bound_sentences(problem.space, point)
     if not search.interrupted:
         try:
-            sure = estimate(search.coarser or problem, point, o.raters, search.driven)
-            notes += sentences(problem, sure, point)
+            sure = estimate_uncertainty(search.coarser or problem, point, o.raters, search.driven)
+            notes += uncertainty_sentences(problem, sure, point)
             notes.append(f"Standard errors come from: {sure.method}.")
             # the mean localiser of several logs is that of those which tell it best
             sound = np.isfinite(sure.share) & (sure.share > 0.0)

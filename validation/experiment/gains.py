@@ -133,7 +133,7 @@ def load_gains(
         source = "defaults of the controller"
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source=source)
     return reading.load_named(
-        f"{controller} gains", name, sets, partial(_parse, controller=controller)
+        f"{controller} gains", name, sets, partial(_parse_gains, controller=controller)
     )
 
 
@@ -156,7 +156,7 @@ def _gains_of(controller: str) -> tuple[str, ...]:
     return FIELDS[controller]
 
 
-def _parse(document: Document, controller: str) -> GainSet:
+def _parse_gains(document: Document, controller: str) -> GainSet:
     top = dict.fromkeys(_KINDS)
     found = reading.typed({**top, "provenance": {}, **document}, _KINDS)
     if found["controller"] != controller:

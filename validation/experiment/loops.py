@@ -263,11 +263,11 @@ def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: 
     """
     drive = robot.drive
     gentle = MotionLimits(_EASY_SPEED * drive.v_max, _EASY_TURN * drive.w_max, math.inf, math.inf)
-    if _keeps(waypoints, make_feasible(waypoints, gentle, at_rest=False)):
+    if _keeps_speed(waypoints, make_feasible(waypoints, gentle, at_rest=False)):
         return None
     limits = limits_of([robot], waypoints.speed)
     slowed = make_feasible(waypoints, limits, at_rest=False)
-    if _keeps(waypoints, slowed):
+    if _keeps_speed(waypoints, slowed):
         return None
     return (
         f"{what} at {waypoints.speed:.3g} m/s asks {robot.name} of {profile} for more than "
@@ -277,7 +277,7 @@ def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: 
     )
 
 
-def _keeps(waypoints: Waypoints, slowed: Waypoints) -> bool:
+def _keeps_speed(waypoints: Waypoints, slowed: Waypoints) -> bool:
     """Return whether a feasible path is as fast as the reference that it was made from."""
     return slowed.speed > _AS_FAST * waypoints.speed
 
@@ -291,7 +291,7 @@ def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot) -> Waypoint
         ValueError: the reference turns back, or on the spot.
     """
     limits = limits_of([robot], waypoints.speed, _PRACTICABLE)
-    if _keeps(waypoints, make_feasible(waypoints, limits, at_rest=False)):
+    if _keeps_speed(waypoints, make_feasible(waypoints, limits, at_rest=False)):
         return waypoints
     return make_feasible(waypoints, limits)
 

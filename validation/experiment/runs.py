@@ -65,7 +65,7 @@ Runs = Mapping[str, Run]
 """Runs by plant."""
 
 
-def drive(
+def drive_piece(
     plant: Plant,
     piece: Piece,
     localiser: Localiser,
@@ -85,7 +85,7 @@ def drive(
 def drive_source(plant: Plant, source: Source, localiser: Localiser) -> tuple[Trajectory, ...]:
     """Drive a plant over the pieces of a source one after another; return its motions."""
     dt = source.sample_dt
-    return tuple(drive(plant, piece, localiser, dt) for piece in source.pieces)
+    return tuple(drive_piece(plant, piece, localiser, dt) for piece in source.pieces)
 
 
 def warm_up(plant: Plant) -> None:
@@ -127,13 +127,15 @@ def drive_all(
         for piece in source.pieces:
             if stop.is_set():
                 break
-            motions.append(_pushed(plant, piece, localisers[name], source.sample_dt, push_seed))
+            motions.append(
+                _drive_pushed(plant, piece, localisers[name], source.sample_dt, push_seed)
+            )
             with lock:
                 done += 1
                 progress(Progress(done, total, f"{name} has driven"))
         run = Run(name, tuple(motions), localisers[name], time.perf_counter() - began)
         if isinstance(plant, MujocoPlant) and not stop.is_set():
-            return _examined(run, plant, source, push_seed)
+            return _examine_run(run, plant, source, push_seed)
         return run
 
     # the time of a run shall not contain that of compiling
@@ -147,17 +149,17 @@ def drive_all(
             raise
 
 
-def _pushed(
+def _drive_pushed(
     plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, seed: int | None
 ) -> Trajectory:
     """Return a plant's motion over a piece; what disturbs it does not depend on its step."""
     push = None
     if seed is not None:
         push = yaw_disturbance(piece.commands.duration, plant.dt, np.random.default_rng(seed))
-    return drive(plant, piece, localiser, sample_dt, push)
+    return drive_piece(plant, piece, localiser, sample_dt, push)
 
 
-def _examined(run: Run, plant: MujocoPlant, source: Source, push_seed: int | None) -> Run:
+def _examine_run(run: Run, plant: MujocoPlant, source: Source, push_seed: int | None) -> Run:
     """Return a run of MuJoCo's robot with the loads of its wheels and the verdict on them."""
     motions = tuple(with_quasi_static(motion, plant, run.localiser) for motion in run.motions)
     run = replace(run, motions=motions, loads=summarise_loads(motions, resting_loads(plant)))
@@ -184,7 +186,7 @@ def _at_limit(run: Run, plant: MujocoPlant, source: Source, push_seed: int | Non
     robot = MujocoPlant(finer, plant.drive, terrain=plant.terrain, settings=plant.settings)
     moved = 0.0
     for piece, motion in zip(source.pieces, run.motions, strict=True):
-        again = _pushed(robot, piece, run.localiser, source.sample_dt, push_seed)
+        again = _drive_pushed(robot, piece, run.localiser, source.sample_dt, push_seed)
         moved = max(moved, float(np.hypot(*(motion.pose[-1] - again.pose[-1])[:2])))
     return (
         f"motors were at their limit of {motor.limit:g} N m a side for {seconds:.1f} s; the "

@@ -97,7 +97,7 @@ def headline_horizon(horizons: Iterable[float]) -> float | None:
     return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
 
 
-def score(
+def score_windows(
     metrics: Metrics,
     pieces: Sequence[Piece],
     motions: Sequence[Trajectory],
@@ -127,15 +127,15 @@ def score(
     for horizon in horizons:
         if steps := signed_windows(driven, horizon, horizon_windows):
             standing = _count_windows(pieces, horizon, horizon_windows, True)
-            errors[horizon] = horizon_errors(*_sizes(steps), standing)
+            errors[horizon] = horizon_errors(*_error_sizes(steps), standing)
         if steps := signed_windows(driven, horizon):
-            windows[horizon] = WindowErrors(horizon, *_sizes(steps))
+            windows[horizon] = WindowErrors(horizon, *_error_sizes(steps))
             if band is not None:
-                held[horizon] = _held(steps, band)
+                held[horizon] = _held_shares(steps, band)
         if steps := signed_windows(judged, horizon):
-            gyro[horizon] = WindowErrors(horizon, *_sizes(steps))
+            gyro[horizon] = WindowErrors(horizon, *_error_sizes(steps))
             if band is not None:
-                held[horizon]["yaw_gyro"] = _held(steps, band)["yaw"]
+                held[horizon]["yaw_gyro"] = _held_shares(steps, band)["yaw"]
     return Scores(metrics, errors, windows, gyro, band, held)
 
 
@@ -143,17 +143,17 @@ _Windows = tuple[FloatArray, IndexArray, IndexArray, FloatArray]
 """(M, 3) path of a plant, (W,) starts and ends of windows, and the (W, 3) errors over them."""
 
 
-def _sizes(steps: Sequence[_Windows]) -> tuple[FloatArray, FloatArray]:
+def _error_sizes(steps: Sequence[_Windows]) -> tuple[FloatArray, FloatArray]:
     """Return (W,) position errors [m] and sizes of yaw errors [rad] over all windows."""
     error = np.concatenate([step[3] for step in steps])
     return np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
 
 
-def _held(steps: Sequence[_Windows], band: Band) -> dict[str, tuple[float, float]]:
+def _held_shares(steps: Sequence[_Windows], band: Band) -> dict[str, tuple[float, float]]:
     """Return what `Scores.held` has for `position` and `yaw` at one horizon."""
     edges = np.concatenate([band.edges(*step) for step in steps], axis=1)
     held = {}
-    for part, edge, error in zip(("position", "yaw"), edges, _sizes(steps), strict=True):
+    for part, edge, error in zip(("position", "yaw"), edges, _error_sizes(steps), strict=True):
         held[part] = (float(np.mean(error <= edge)), interval_score(error, edge))
     return held
 

@@ -180,7 +180,7 @@ class Followed:
         }
 
 
-def saturated(run: ClosedRun, limits: Document) -> NDArray[np.bool_]:
+def find_saturated(run: ClosedRun, limits: Document) -> NDArray[np.bool_]:
     """Return (M,) whether a torque or a command was at its limit, by the options of a result."""
     at_limit = np.zeros(len(run.t), dtype=np.bool_)
     for name, columns in _LIMITED.items():
@@ -241,7 +241,7 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Document) -> Met
             "e_y_rms_m": rms("e_y"),
             "e_alpha_rms_rad": rms("e_alpha"),
             "u_rms_ratio": rms("v_x") / max(waypoints.rms_speed, 1e-9),
-            "saturated_fraction": float(np.mean(saturated(run, limits))),
+            "saturated_fraction": float(np.mean(find_saturated(run, limits))),
             "cross_track_max_m": cross_track,
             "command_effort": effort,
             "command_jerk": jerk,

@@ -98,10 +98,10 @@ def _errors_as(path: Path, where: str, kind: type[Exception] = ControllerError) 
     try:
         yield
     except (Exception, SystemExit) as error:  # a user's code may raise anything
-        raise kind(f"{_fault(path, error)} ({where})") from error
+        raise kind(f"{_describe_fault(path, error)} ({where})") from error
 
 
-def _fault(path: Path, error: BaseException) -> str:
+def _describe_fault(path: Path, error: BaseException) -> str:
     """Return file, line and words of an error, at the last line of the user's file before it."""
     line = 1
     for frame, number in traceback.walk_tb(error.__traceback__):
@@ -149,7 +149,7 @@ def _load_user_object(name: str) -> tuple[Any, Path]:
         exec(code, vars(module))  # nosec B102 # which the user chose to run
     except (Exception, SystemExit) as error:  # a user's file may raise anything
         del sys.modules[module.__name__]
-        raise ValueError(_fault(path, error)) from error
+        raise ValueError(_describe_fault(path, error)) from error
     # what it imports is not its own
     own = [n for n, v in vars(module).items() if getattr(v, "__module__", "") == module.__name__]
     if not hasattr(module, attribute):
@@ -165,14 +165,14 @@ def _file_of(item: Any) -> Path:
         return Path(item.__module__)
 
 
-def _loaded(given: Any) -> tuple[Any, Path]:
+def _load_object(given: Any) -> tuple[Any, Path]:
     """Return a user's class or function, itself or by `FILE.py:NAME`, and its file."""
     if isinstance(given, str):
         return _load_user_object(given)
     return given, _file_of(given)
 
 
-def _shown(value: object) -> str:
+def _show_value(value: object) -> str:
     return shortened(one_line(repr(value)), 40)
 
 
@@ -182,9 +182,9 @@ def load_user_law(given: str | type) -> tuple[str, Callable[[Mission], Any]]:
     Raises:
         ValueError: it is no such class.
     """
-    kind, path = _loaded(given)
+    kind, path = _load_object(given)
     if not callable(kind):
-        raise ValueError(f"{path}: {given} is {_shown(kind)}, wanted a class")
+        raise ValueError(f"{path}: {given} is {_show_value(kind)}, wanted a class")
     name = kind.__name__
     if isinstance(kind, type) and not callable(getattr(kind, "command", None)):
         raise ValueError(f"{_place_of(kind, path)}: class {name} has no method command(self, now)")
@@ -224,7 +224,7 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     else:
         law, path = _load_user_object(given)
     if not isinstance(law, PlanarLaw):
-        raise ValueError(f"{path}: {given} is {_shown(law)}, wanted a PlanarLaw")
+        raise ValueError(f"{path}: {given} is {_show_value(law)}, wanted a PlanarLaw")
     add_model(law)
     if isinstance(given, str):
         attribute = given.rpartition(":")[2]
@@ -247,10 +247,10 @@ def load_user_metric(given: Callable[[Trajectory, Trajectory], float] | str) -> 
         ValueError: an error of `_load_user_object`, it is no function, or its name is that of
             another metric.
     """
-    rate, path = _loaded(given)
+    rate, path = _load_object(given)
     if not inspect.isfunction(rate):
         raise ValueError(
-            f"{path}: {given} is {_shown(rate)}, wanted a function of a motion and its reference"
+            f"{path}: {given} is {_show_value(rate)}, wanted a function of a motion and its reference"
         )
     name = rate.__name__
     if name in {**METRICS, **SIGNALS}:

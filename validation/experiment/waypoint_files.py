@@ -90,7 +90,7 @@ def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str
             raise FileError(table.path, what, table.header_line, name)
 
 
-def generic(speed: float) -> Waypoints:
+def generic_path(speed: float) -> Waypoints:
     """Return the generic trajectory: a lab's tight corners (docs/references.md).
 
     It is practicable at 0.25 m/s and hardly at 0.5. The thesis' own (Fig. 4.5) is lost. The
@@ -110,7 +110,7 @@ REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType(
         "line": line,
         "circle": circle,
         "sine": sine,
-        "generic": generic,
+        "generic": generic_path,
         # of this project
         "eight": eight,
         "slalom": partial(sine, amplitude=0.35, wavelength=2.4, periods=4.0),  # at most 2.40 1/m

@@ -18,7 +18,7 @@ from validation.files.log import Log
 from validation.identify.judging import motions_of, plant_on
 from validation.identify.objective import FitCost, true_motion
 from validation.identify.problem import FitProblem
-from validation.identify.refine import Remembered, descend
+from validation.identify.refine import Remembered, descend_from
 from validation.identify.uncertainty import USUAL_SPREAD
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.searchable import make_space
@@ -62,7 +62,7 @@ def adapted_along(
         ValueError: the log is too short.
         SsmrError: the plant diverged.
     """
-    problem = _problem(model, base, source, occasion)
+    problem = _prior_problem(model, base, source, occasion)
     ends = np.concatenate([rater.ends for rater, _ in problem.days[0].raters])
     truths = [true_motion(piece) for piece in source.pieces]
     first = float(truths[0].t[0])
@@ -77,7 +77,7 @@ def adapted_along(
         known = ends <= begin
         if known.any():
             past = _Past(problem, driven, known)
-            point, _ = descend(past, point, Remembered(), 1, lambda: None)
+            point, _ = descend_from(past, point, Remembered(), 1, lambda: None)
         plant = plant_on(problem, point, source)
         motions = motions_of(problem, plant, source)
         sets.append((float(begin), motions))
@@ -86,11 +86,13 @@ def adapted_along(
         late.append(plant.localiser.yaw_late)
     path = []
     for k, truth in enumerate(truths):
-        path.append(_together(truth.t, [(begin, motions[k]) for begin, motions in sets]))
+        path.append(_join_parts(truth.t, [(begin, motions[k]) for begin, motions in sets]))
     return pieces, every, late, tuple(path)
 
 
-def _problem(model: str, base: PlantProfile, source: Source, occasion: Occasion) -> FitProblem:
+def _prior_problem(
+    model: str, base: PlantProfile, source: Source, occasion: Occasion
+) -> FitProblem:
     """Return the problem of a fit to a log that has a profile with its spread as its prior."""
     space = make_space(model, plant_kind(model).free[occasion], {}, base.robot)
     usual = {p.name: USUAL_SPREAD * (p.upper - p.lower) for p in space.parameters}
@@ -149,16 +151,16 @@ class Calibrating:
         try:
             log = Log.of_columns("the drive", columns)
             source = source_of(Inspected(log), "the drive", "wheels")
-            problem = _problem(self._model, self._base, source, "wheels")
+            problem = _prior_problem(self._model, self._base, source, "wheels")
         except ValueError:
             # the robot stood, or its poses have too many gaps
             return False
-        point, _ = descend(problem, problem.begun, Remembered(), 1, lambda: None)
+        point, _ = descend_from(problem, problem.begun, Remembered(), 1, lambda: None)
         self.plant = problem.candidate(point) or self.plant
         return True
 
 
-def _together(t: FloatArray, parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
+def _join_parts(t: FloatArray, parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
     """Return one motion at (M,) stamps [s], each part of which drives on from its own time."""
     pose = parts[0][1].pose.copy()
     twist = parts[0][1].twist.copy()

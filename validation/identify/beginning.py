@@ -21,7 +21,7 @@ from ssmr.types import FloatArray
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
 from validation.identify.search import SETTINGS, Search, Searching, search_for
-from validation.identify.uncertainty import VAGUE, estimate, ignorance
+from validation.identify.uncertainty import VAGUE, estimate_uncertainty, prior_deviations
 from validation.output import silent
 from validation.plants.kind import PlantProfile
 from validation.plants.searchable import make_space, with_values
@@ -113,7 +113,7 @@ def begin_at(
     return points[int(np.argmin(costs))]
 
 
-def untold(problem: FitProblem, search: Search, o: Searching) -> dict[str, float]:
+def friction_left_untold(problem: FitProblem, search: Search, o: Searching) -> dict[str, float]:
     """Return a body's friction of before where a search of all its numbers found it in no log.
 
     Its standard error is then about as large as what is known without the logs.
@@ -122,8 +122,8 @@ def untold(problem: FitProblem, search: Search, o: Searching) -> dict[str, float
     if search.interrupted or not search.starts:
         return held
     with contextlib.suppress(SsmrError, np.linalg.LinAlgError):
-        sure = estimate(search.coarser or problem, search.best, o.raters, search.driven)
-        vague = sure.share >= VAGUE * ignorance(problem)
+        sure = estimate_uncertainty(search.coarser or problem, search.best, o.raters, search.driven)
+        vague = sure.share >= VAGUE * prior_deviations(problem)
         before = problem.space.values(problem.begun).tolist()
         for k, name in enumerate(problem.space.names):
             number = name.partition("@")[0]

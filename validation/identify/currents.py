@@ -105,7 +105,7 @@ def _is_able(rule: str, sensor: Sensor, unit: str) -> bool:
     return "rho" not in bounds if sensor.signed else sign == "driving"
 
 
-def _predicted(
+def _predict_currents(
     rule: str, numbers: FitNumbers, some: MotorSamples, sensor: Sensor, vehicle: Vehicle
 ) -> FloatArray:
     """Return (2, n) readings that the numbers of a rule predict [A]."""
@@ -142,7 +142,7 @@ def _fit_rule(rule: str, some: MotorSamples, sensor: Sensor, vehicle: Vehicle) -
         numbers[name] = (unit * start, unit * low, unit * high)
 
     def residuals(x: FitNumbers) -> FloatArray:
-        return _predicted(rule, x, some, sensor, vehicle)[known] - currents
+        return _predict_currents(rule, x, some, sensor, vehicle)[known] - currents
 
     blocks = np.broadcast_to(some.t // _BLOCK, known.shape)[known]
     size = _ROBUST * max(float(np.std(currents)), 1e-6)
@@ -175,7 +175,9 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
     vehicle = chassis.vehicle
     first, *others = (log, *held_out) if held_out else log.divided()
     fitted = steady_samples(first)[1]
-    rows, judged = (_joined(parts) for parts in zip(*map(steady_samples, others), strict=True))
+    rows, judged = (
+        _join_samples(parts) for parts in zip(*map(steady_samples, others), strict=True)
+    )
     for name, some in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
         count = len(np.unique(some.currents[np.isfinite(some.currents)]))
         if count < _LEAST_SAMPLES:
@@ -193,7 +195,8 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
         if _is_able(rule, sensor, log.unit):
             own = values_of(_fit_rule(rule, fitted, sensor, vehicle))
             explained = {
-                part: _explained(rule, own, some, sensor, vehicle) for part, some in parts.items()
+                part: _explained_share(rule, own, some, sensor, vehicle)
+                for part, some in parts.items()
             }
             tried.append((own, {"rule": rule, "kind": kind, **explained}))
     own, best = max(tried, key=lambda one: one[1]["held_out"])
@@ -201,20 +204,20 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
     found = _fit_rule(rule, steady_samples(log)[1], sensor, vehicle)
     shown = []
     for some in (fitted, judged):
-        shown.append((some.currents, _predicted(rule, own, some, sensor, vehicle)))
+        shown.append((some.currents, _predict_currents(rule, own, some, sensor, vehicle)))
     sign = _READING_RULES[rule][1]
     return CurrentFit(sensor, found, best, [row for _, row in tried], shown, sign)
 
 
-def _explained(
+def _explained_share(
     rule: str, numbers: FitNumbers, some: MotorSamples, sensor: Sensor, vehicle: Vehicle
 ) -> float:
     """Return the share of the currents' variance that the numbers of a rule explain, R^2."""
-    off = _predicted(rule, numbers, some, sensor, vehicle) - some.currents
+    off = _predict_currents(rule, numbers, some, sensor, vehicle) - some.currents
     return float(1.0 - np.nanmean(off**2) / np.nanvar(some.currents))
 
 
-def _joined(parts: Sequence[MotorSamples]) -> MotorSamples:
+def _join_samples(parts: Sequence[MotorSamples]) -> MotorSamples:
     return MotorSamples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
 
 

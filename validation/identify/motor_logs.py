@@ -214,7 +214,7 @@ def _steady_windows(log: DriveLog) -> list[slice]:
     return windows
 
 
-def _refreshed(log: DriveLog) -> Iterator[tuple[int, slice, int]]:
+def _sensor_refreshes(log: DriveLog) -> Iterator[tuple[int, slice, int]]:
     """Yield the side of each new value of a slow sensor, what samples it tells of, and its own.
 
     It tells of those just before it, where the rates hardly change.
@@ -246,7 +246,9 @@ def steady_samples(log: DriveLog) -> tuple[MotorSamples, MotorSamples]:
         voltages = np.where(on, log.voltages, np.median(log.voltages[on]))
     known = np.full_like(currents, np.nan)
     rows = list[FloatArray]()
-    for sides, span, read in windows if sensor_of(log).kind == "windows" else _refreshed(log):
+    for sides, span, read in (
+        windows if sensor_of(log).kind == "windows" else _sensor_refreshes(log)
+    ):
         known[sides, span] = currents[sides, read]
         own = np.full((2, 1), np.nan)
         own[sides] = known[sides, span].mean(axis=-1, keepdims=True)

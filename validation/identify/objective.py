@@ -99,7 +99,7 @@ def torque_errors(pieces: Sequence[Piece], motions: Sequence[Trajectory]) -> Flo
     return every[np.isfinite(every)]
 
 
-def _stride(t: FloatArray) -> int:
+def _error_stride(t: FloatArray) -> int:
     """Return the number of samples between errors at equal times, of (M,) stamps [s]."""
     period = float(np.median(np.diff(t)))
     return max(1, round(_SYNC_STRIDE_S / period))
@@ -183,7 +183,7 @@ class _SyncRater(Rater):
         truth = true_motion(piece)
         self._share = share
         self._truth = truth.pose
-        self._every = _stride(truth.t)
+        self._every = _error_stride(truth.t)
         blocks = block + np.floor((truth.t[:: self._every] - truth.t[0]) / _SCENARIO_BLOCK_S)
         weight = np.full(len(blocks), share / len(blocks))
         super().__init__(piece, cost, weight, blocks)
@@ -350,7 +350,7 @@ class TorqueRater:
 
         A mean is over the finite samples; a tenth of a second without any is left out.
         """
-        every = _stride(t)
+        every = _error_stride(t)
         self._first = np.arange(0, len(t), every)
         self._finite = np.isfinite(torques)
         count = np.add.reduceat(self._finite, self._first, axis=0)

@@ -156,7 +156,7 @@ class FitProblem:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Let the file of a user's own model be run in another process before the rest arrives."""
-        return _arriving, (model_file(self.model),), self.__dict__
+        return _read_scattered_problem, (model_file(self.model),), self.__dict__
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
@@ -355,7 +355,7 @@ class FitProblem:
             pool.shutdown(cancel_futures=True)
 
 
-def _arriving(file: tuple[str, str, str] | None) -> FitProblem:
+def _read_scattered_problem(file: tuple[str, str, str] | None) -> FitProblem:
     if file is not None:
         add_model_of(file)
     return FitProblem.__new__(FitProblem)

@@ -115,7 +115,7 @@ class Corrected(Remembered):
         self.shift = (self._true(point[None]) - super().look_up(point[None], self._other))[0]
 
 
-def arrivals(
+def descent_ends(
     problem: Residuals,
     points: FloatArray,
     costs: FloatArray,
@@ -141,7 +141,7 @@ def arrivals(
     for k in range(starts):
         if start is None:
             return
-        end, size = descend(problem, start, driven, workers, on_step, least)
+        end, size = descend_from(problem, start, driven, workers, on_step, least)
         visited += [start, end]
         least = min(least, size)
         yield end
@@ -159,7 +159,7 @@ def _next_start(
 ) -> FloatArray | None:
     """Return the (n,) best of (S, n) candidates far from all visited points; None for none."""
     for i in np.argsort(costs, kind="stable"):
-        if np.isfinite(costs[i]) and _far(points[i], visited):
+        if np.isfinite(costs[i]) and _is_far(points[i], visited):
             return points[i]
     return None
 
@@ -179,12 +179,12 @@ def _restart_in_middle(
     insensitive = np.linalg.norm(slopes, axis=0) < np.linalg.norm(errors)
     at_bound = np.abs(end - 0.5) > 0.5 - NEAR_BOUND
     moved = np.where(insensitive | at_bound, 0.5, end)
-    if _far(moved, visited):
+    if _is_far(moved, visited):
         return moved
     return None
 
 
-def _far(point: FloatArray, visited: Sequence[FloatArray]) -> bool:
+def _is_far(point: FloatArray, visited: Sequence[FloatArray]) -> bool:
     """Return whether an (n,) point is at least `APART` from all others."""
     return all(np.abs(point - other).max() >= APART for other in visited)
 
@@ -220,7 +220,7 @@ def error_slopes(
     return errors[0], ((ahead - behind) / (steps - back)[:, None]).T
 
 
-def descend(
+def descend_from(
     problem: Residuals,
     start: FloatArray,
     driven: Remembered,
@@ -230,7 +230,7 @@ def descend(
 ) -> tuple[FloatArray, float]:
     """Return the (n,) point where least squares from a start end, and the size of errors there.
 
-    An interrupt passes through. The arguments are those of `arrivals`, and `goal` is the least size
+    An interrupt passes through. The arguments are those of `descent_ends`, and `goal` is the least size
     of the errors at the ends of earlier starts: a start that does not come near it is given up.
     """
     n = len(start)

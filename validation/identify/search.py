@@ -26,7 +26,7 @@ from ssmr.types import FloatArray, frozen_array
 from validation import cli, output
 from validation.files.reading import opened
 from validation.identify.problem import FitProblem
-from validation.identify.refine import STARTS, Corrected, Remembered, arrivals
+from validation.identify.refine import STARTS, Corrected, Remembered, descent_ends
 from validation.identify.tuning import TuneProblem
 from validation.output import Document, Progress
 
@@ -252,7 +252,7 @@ class Search:
             if rough is not problem:
                 best = self.jde.best
                 self.refined = best, float(problem.costs(best[None], None, o.raters)[0])
-            ends = arrivals(
+            ends = descent_ends(
                 rough, points, costs, self.starts, self.driven, workers=o.raters, on_step=step
             )
             for end in ends:

@@ -17,7 +17,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import TORQUES, CommandKind, Plant, Trajectory
 from validation.experiment.gyro import with_gyro
 from validation.experiment.runs import drive_source
-from validation.experiment.scores import Scores, score
+from validation.experiment.scores import Scores, score_windows
 from validation.experiment.sources import (
     RECORDING,
     AnySource,
@@ -122,7 +122,7 @@ def open_sources(
     if all(map(is_scenario, names)) and span != (None, None):
         raise ValueError(f"since and until cut recordings; {', '.join(names)} are scenarios")
     kind: CommandKind = "wheels" if input == "wheels" else "twist"
-    truth_of = _truth(profile)
+    truth_of = _truth_finder(profile)
     judges = distinct_names("held_out", held_out)
     tags = tags_of(names, judges)
     train = []
@@ -182,7 +182,7 @@ def source_outside(inspected: Inspected, name: str, kind: CommandKind, span: Spa
     return replace(parts[0], pieces=pieces, warnings=warnings, title=title)
 
 
-def _truth(profile: Profile) -> Callable[[Source], Source]:
+def _truth_finder(profile: Profile) -> Callable[[Source], Source]:
     """Return a function that gives a source its true motion, recorded or of a plant."""
 
     # building a simulated plant takes long, and several scenarios may share one
@@ -210,7 +210,7 @@ def score_pieces(pieces: Sequence[Piece], motions: Sequence[Trajectory]) -> Scor
     torques = torque_errors(pieces, motions)
     if len(torques):
         metrics = Metrics({**metrics, "torque_rms_N_m": float(np.sqrt(np.mean(torques**2)))})
-    return score(metrics, pieces, motions, HORIZONS)
+    return score_windows(metrics, pieces, motions, HORIZONS)
 
 
 def worse_sentences(

@@ -212,7 +212,7 @@ class TuneCase:
         return self.waypoints.trajectory(self.settings.position_period)
 
 
-def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
+def delay_robot(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
     """Return the same robot in the same place, acting on its commands `more` later [s].
 
     Raises:
@@ -255,7 +255,7 @@ class TuneProblem:
         self._targets = [case.target for case in self.cases]
         self._late: list[ClosedLoopRobot] = []
         if cost.guard > 0.0:
-            self._late = [delayed(case.robot, cost.guard) for case in self.cases]
+            self._late = [delay_robot(case.robot, cost.guard) for case in self.cases]
 
     @cached_property
     def _worst(self) -> list[float]:
@@ -297,7 +297,7 @@ class TuneProblem:
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1, user_api="blas"):
-            laws = [_law(self.profile, self.gains(point)) for point in points]
+            laws = [_controller_with(self.profile, self.gains(point)) for point in points]
         bounds = bounds * len(self.cases)
         sums = np.array([np.inf if law is None else 0.0 for law in laws])
         total = sum(case.waypoints.duration for case in self.cases)
@@ -394,7 +394,7 @@ class TuneProblem:
         }
 
 
-def _law(profile: Profile, gains: GainSet) -> AnyController | None:
+def _controller_with(profile: Profile, gains: GainSet) -> AnyController | None:
     """Return the controller with these gains; None where no controller can have them."""
     try:
         return make_controller(profile, gains)

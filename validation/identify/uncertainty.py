@@ -84,7 +84,7 @@ class Uncertainty:
     """Standard deviation of each number from one day to another, by name; empty of scenarios."""
 
 
-def estimate(
+def estimate_uncertainty(
     problem: FitProblem, point: FloatArray, workers: int | str = 1, driven: Remembered | None = None
 ) -> Uncertainty:
     """Estimate standard errors and correlations at the optimum, an (n,) point of the unit cube.
@@ -116,16 +116,16 @@ def estimate(
     blocks = 0
     if finite.any():
         inner = np.ix_(finite, finite)
-        covariance[inner], blocks = _widest(
+        covariance[inner], blocks = _widest_covariance(
             errors,
             slopes[:, finite],
             one_sided[:, finite],
             problem,
-            ignorance(problem)[finite],
+            prior_deviations(problem)[finite],
         )
     # a search that was stopped is off by the rest of its way
     rest = _still_to_go(point, with_prior, all_slopes, problem)
-    offs = [rest, _shift(point, problem)]
+    offs = [rest, _shift_deviations(point, problem)]
     method = f"derivatives of least squares and the scatter of {blocks} blocks of time"
     other = problem.with_other_tyres()
     if other is not None:
@@ -149,17 +149,17 @@ def estimate(
         correlation,
         share,
         f"{method}, limited by the bounds",
-        without=_without(point, with_prior, all_slopes, problem),
+        without=_points_without_parts(point, with_prior, all_slopes, problem),
         spread=spread,
     )
 
 
-def ignorance(problem: FitProblem) -> FloatArray:
+def prior_deviations(problem: FitProblem) -> FloatArray:
     """Return the (n,) standard deviations of numbers without any data, in the unit cube."""
     return np.minimum(IGNORANCE, problem.spread)
 
 
-def _shift(point: FloatArray, problem: FitProblem) -> FloatArray:
+def _shift_deviations(point: FloatArray, problem: FitProblem) -> FloatArray:
     """Return how far `_SHIFT` may be, as (n,) deviations in the unit cube.
 
     The driver reads commands at instants of its own, so the cost has a valley each 0.05 s along it:
@@ -172,13 +172,13 @@ def _shift(point: FloatArray, problem: FitProblem) -> FloatArray:
     return IGNORANCE / float(np.linalg.norm(second)) * second
 
 
-def _soft(errors: FloatArray, robust: bool) -> tuple[FloatArray, FloatArray]:
+def _pull_and_stiffness(errors: FloatArray, robust: bool) -> tuple[FloatArray, FloatArray]:
     """Return each error's pull and stiffness in the unit of squares, of soft_l1 if robust."""
     q = 1.0 + robust * errors**2
     return errors / np.sqrt(q), q**-1.5
 
 
-def _newton(slopes: FloatArray, stiffness: FloatArray, gradient: FloatArray) -> FloatArray:
+def _newton_step(slopes: FloatArray, stiffness: FloatArray, gradient: FloatArray) -> FloatArray:
     """Return the (n,) step of Newton's method down an (n,) gradient in the unit cube."""
     curvature = (slopes * stiffness[:, None]).T @ slopes
     return np.asarray(np.linalg.lstsq(curvature, -gradient)[0])
@@ -191,11 +191,11 @@ def _still_to_go(
 
     It is nothing at an optimum, and 0 for a number that a bound holds.
     """
-    pull, stiffness = _soft(errors, problem.robust)
+    pull, stiffness = _pull_and_stiffness(errors, problem.robust)
     inside = np.abs(point - 0.5) < 0.5 - NEAR_BOUND
     free = np.nan_to_num(slopes[:, inside])
     step = np.zeros(len(point))
-    step[inside] = _newton(free, stiffness, free.T @ pull)
+    step[inside] = _newton_step(free, stiffness, free.T @ pull)
     return np.clip(point + step, 0.0, 1.0) - point
 
 
@@ -211,14 +211,14 @@ def _step_against(
     return np.asarray(-np.linalg.lstsq(weighted, weight * change)[0])
 
 
-def _without(
+def _points_without_parts(
     point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem
 ) -> FloatArray:
     """Return (P, n) points of the unit cube, each without a part of the time, or without a log.
 
     They are one step of Newton's method away.
     """
-    pull, stiffness = _soft(errors, problem.robust)
+    pull, stiffness = _pull_and_stiffness(errors, problem.robust)
     slopes = np.nan_to_num(slopes)
     number = np.unique(problem.blocks, return_inverse=True)[1]
     part = number * QUARTERS // (number.max() + 1)
@@ -232,7 +232,9 @@ def _without(
     points = []
     for k in range(part.max() + 1):
         rest = part != k
-        points.append(point + _newton(slopes[rest], stiffness[rest], -gradients[~rest].sum(axis=0)))
+        points.append(
+            point + _newton_step(slopes[rest], stiffness[rest], -gradients[~rest].sum(axis=0))
+        )
     return np.clip(points, 0.0, 1.0)
 
 
@@ -299,7 +301,9 @@ def _of_a_day(
         step = -np.asarray(np.linalg.solve(weighted.T @ slopes + prior, weighted.T @ errors))
         rest = errors + slopes @ step
     known = np.full(len(step), IGNORANCE)
-    return step, _jackknife(slopes / size, _soft(rest / size, True), member, 0.0 * known, known)
+    return step, _jackknife_covariance(
+        slopes / size, _pull_and_stiffness(rest / size, True), member, 0.0 * known, known
+    )
 
 
 def _beyond_errors(values: FloatArray, variances: FloatArray) -> float:
@@ -316,7 +320,7 @@ def _beyond_errors(values: FloatArray, variances: FloatArray) -> float:
     return float(np.sqrt(brentq(excess, 0.0, most)))
 
 
-def _widest(
+def _widest_covariance(
     errors: FloatArray,
     slopes: FloatArray,
     one_sided: FloatArray,
@@ -330,8 +334,8 @@ def _widest(
     _, member = np.unique(problem.blocks, return_inverse=True)
     covariances: list[tuple[FloatArray, int]] = []
     while (count := int(member.max()) + 1) >= _FEWEST_BLOCKS or not covariances:
-        soft = _soft(errors, problem.robust)
-        covariances.append((_jackknife(slopes, soft, member, relative**2, known), count))
+        soft = _pull_and_stiffness(errors, problem.robust)
+        covariances.append((_jackknife_covariance(slopes, soft, member, relative**2, known), count))
         # neighbouring blocks in pairs
         member = member // 2
     widest, count = max(covariances, key=lambda one: float(np.trace(one[0])))
@@ -341,7 +345,7 @@ def _widest(
     return widest * np.outer(scale, scale), count
 
 
-def _jackknife(
+def _jackknife_covariance(
     slopes: FloatArray,
     soft: tuple[FloatArray, FloatArray],
     member: IndexArray,
@@ -378,7 +382,7 @@ def _jackknife(
     return (axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T
 
 
-def _sums(space: ParameterSpace, uncertainty: Uncertainty, point: FloatArray) -> list[str]:
+def _known_sums(space: ParameterSpace, uncertainty: Uncertainty, point: FloatArray) -> list[str]:
     """Return the sums of delays that are known much better than each of these, with their errors.
 
     A driver's dead time and lag and the lateness of a localiser all make a log later.
@@ -397,15 +401,17 @@ def _sums(space: ParameterSpace, uncertainty: Uncertainty, point: FloatArray) ->
     return sums
 
 
-def sentences(problem: FitProblem, uncertainty: Uncertainty, point: FloatArray) -> list[str]:
+def uncertainty_sentences(
+    problem: FitProblem, uncertainty: Uncertainty, point: FloatArray
+) -> list[str]:
     """Return sentences on the parameters that the data leave open or confuse, and on the prior."""
     out = []
     names = problem.space.names
-    sums = ", ".join(_sums(problem.space, uncertainty, point))
+    sums = ", ".join(_known_sums(problem.space, uncertainty, point))
     share = uncertainty.share
     touched = set[str]()
     advice = "it is little more than a guess" if problem.robust else "use --fix"
-    for name, s, known in zip(names, share, ignorance(problem), strict=True):
+    for name, s, known in zip(names, share, prior_deviations(problem), strict=True):
         if s > VAGUE * known:
             touched.add(name)
             out.append(

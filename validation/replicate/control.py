@@ -25,7 +25,7 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.types import Trajectory
 from validation.experiment.gains import GainSet, load_gains
-from validation.experiment.tracked import saturated
+from validation.experiment.tracked import find_saturated
 from validation.replicate import published
 from validation.replicate.chapters import (
     Findings,
@@ -332,7 +332,7 @@ def _measure_saturation(variant: tuple[str, str, float, int]) -> Row:
     ).robots[0]
     name = "side_torque_limit_N_m"
     limit = {name: followed.options[name]}
-    return {"percent": 100.0 * float(np.mean(saturated(followed.run, limit)))}
+    return {"percent": 100.0 * float(np.mean(find_saturated(followed.run, limit)))}
 
 
 def _find_saturation(task: Task) -> Findings:

@@ -22,7 +22,7 @@ from validation.engines.body import EngineMissingError
 from validation.engines.ode import GAZEBO, MAKERS_HUSKY, FrictionDirection, FrictionLaw, OdeBody
 from validation.engines.ode_library import load_ode
 from validation.engines.plant import EnginePlant
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import open_source
 from validation.output import Document
 from validation.plants.profile import load_profile, make_plant
@@ -112,9 +112,9 @@ def drive_trajectory_3(
     numbers = replace(section.parameters, **own)
     plant = EnginePlant("ode", partial(OdeBody, settings=settings), numbers, section.drive)
     piece = replace(open_source(_SOURCE).pieces[0], start=State(yaw=yaw))
-    motion = drive(plant, piece, section.localiser, _SAMPLE)
+    motion = drive_piece(plant, piece, section.localiser, _SAMPLE)
     localiser = profile.plants["improved"].localiser
-    improved = drive(make_plant(profile, "improved"), piece, localiser, _SAMPLE)
+    improved = drive_piece(make_plant(profile, "improved"), piece, localiser, _SAMPLE)
     half_ratio = 0.5 * numbers.wheel_radius / numbers.half_track
     commanded = half_ratio * np.diff(motion.wheels, axis=1)[:, 0]
     on = motion.t >= _LEAD

@@ -29,7 +29,7 @@ from validation.descriptions.loading import load_robot
 from validation.engines.drake import DrakeBody
 from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
-from validation.experiment.runs import drive
+from validation.experiment.runs import drive_piece
 from validation.experiment.sources import Piece, open_source
 from validation.output import Document
 from validation.plants.profile import PlantProfile, Profile, make_plant
@@ -225,7 +225,7 @@ def _drive_all(
     plant: Plant, pieces: Mapping[str, Piece], localiser: Localiser
 ) -> dict[str, Trajectory]:
     """Motions of a plant on all trajectories, by name."""
-    return {name: drive(plant, piece, localiser, SAMPLE) for name, piece in pieces.items()}
+    return {name: drive_piece(plant, piece, localiser, SAMPLE) for name, piece in pieces.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,8 +297,8 @@ class Trial:
         third = motions["traj3"]
         # the same motion in turned axes: any difference comes from the contact model
         from_turned = replace(pieces["traj3"], start=State(yaw=TURNED))
-        turned = drive(plant, from_turned, lab.localiser, SAMPLE)
-        fine = drive(self.plant(steps=2.0), pieces["traj4"], lab.localiser, SAMPLE)
+        turned = drive_piece(plant, from_turned, lab.localiser, SAMPLE)
+        fine = drive_piece(self.plant(steps=2.0), pieces["traj4"], lab.localiser, SAMPLE)
         radius = self.uncorrected.calibration.wheel_radius
         row = {"surge_share": max(surge_share(m, radius, lab.drive) for m in (third, turned))}
         c = math.cos(TURNED)

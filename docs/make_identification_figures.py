@@ -24,7 +24,7 @@ from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
 from validation.files.csv_logs import read_csv
 from validation.files.signals import fresh_poses
 from validation.plants.profile import PLANTS, load_profile
-from validation.report.palette import colour
+from validation.report.palette import plant_colour
 
 SPLIT = 500.0
 """End of the part of the recording that the fit used [s]."""
@@ -59,7 +59,7 @@ def draw_tile() -> None:
             zip(line, ("position_{}_6s_m", "yaw_{}_6s_rad"), (1e3, math.degrees(1.0)), strict=True)
         ):
             for plant, row in rows.items():
-                ink = tuple(c / 255.0 for c in colour(plant))
+                ink = tuple(c / 255.0 for c in plant_colour(plant))
                 train, held = (
                     next(v for label, v in _provenance(plant)[part].items() if given in label)
                     for part in ("train", "held_out")

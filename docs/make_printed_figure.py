@@ -20,7 +20,7 @@ from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate import published
-from validation.report.palette import colour
+from validation.report.palette import plant_colour
 from validation.simulator.model import GRAVITY
 from validation.simulator.plant import MujocoPlant
 
@@ -106,7 +106,7 @@ def draw_path(scenario: str, ax: Axes) -> None:
         (model, "improved", "improved model"),
         (robot, "mujoco", "the same numbers in MuJoCo"),
     ):
-        ax.plot(*motion.xy.T, color=np.array(colour(plant)) / 255.0, lw=1.5, label=words)
+        ax.plot(*motion.xy.T, color=np.array(plant_colour(plant)) / 255.0, lw=1.5, label=words)
     metrics = compare_paths(model, robot)
     ax.set_aspect("equal")
     ax.set(xlim=(-0.2, 9.8), ylim=(-0.4, 4.0))
@@ -138,9 +138,9 @@ def draw_curves(ax: Axes) -> None:
         (held if abs(slide) < 1e-3 else lost).append((needed, centre))
         print(f"{rate:.2f}  {needed:.3f}  {centre:.3f}  {slide:.4f}")
     ax.axhline(AXLE, color="0.55", lw=0.9, ls="--")
-    ax.axhline(0.0, color=np.array(colour("improved")) / 255.0, lw=1.5)
+    ax.axhline(0.0, color=np.array(plant_colour("improved")) / 255.0, lw=1.5)
     ax.axvline(GRIP, color="#d55e00", lw=1.2, ls=":")
-    ink = np.array(colour("mujoco")) / 255.0
+    ink = np.array(plant_colour("mujoco")) / 255.0
     ax.plot(*np.transpose(held), "o", color=ink, ms=5)
     ax.plot(*np.transpose(lost), "o", color=ink, ms=5, markerfacecolor="white")
     ax.annotate(

@@ -26,7 +26,7 @@ from PIL import Image
 from ssmr.types import FloatArray
 from tests.conftest import Launch
 from validation.compare import compare
-from validation.report.palette import colour
+from validation.report.palette import plant_colour
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -146,7 +146,7 @@ def wait_for_port(port: int) -> None:
 
 def shown(picture: FloatArray, name: str) -> FloatArray:
     """The (n, 2) places, right and down [px], of pixels in the colour of a plant."""
-    near = np.abs(picture - np.array(colour(name))).max(axis=2) < 24.0
+    near = np.abs(picture - np.array(plant_colour(name))).max(axis=2) < 24.0
     return np.argwhere(near)[:, ::-1].astype(np.float64)
 
 

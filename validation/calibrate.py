@@ -378,7 +378,7 @@ class Calibrated(Report):
         for s in self.fits:
             marker = "s" if s.options["input"] == "wheels" else "o"
             ink = drawing.ink_of(s.model)
-            inks = {"before": drawing.pale(ink), "after": ink}
+            inks = {"before": drawing.pale_ink(ink), "after": ink}
             for when, scored in s.judged.items():
                 name = f"{_label(s)}, {when}"
                 marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.overlapping))

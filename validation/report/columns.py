@@ -141,6 +141,6 @@ def is_length(key: str) -> bool:
     return ending_of(key) == "_m"
 
 
-def legend(keys: Iterable[str]) -> list[str]:
+def column_legend(keys: Iterable[str]) -> list[str]:
     """Return one sentence for each declared column of these keys."""
     return [f"{DECLARED[key].label}: {DECLARED[key].meaning}." for key in keys if key in DECLARED]

@@ -19,7 +19,7 @@ from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
 from validation.output import abridged, shortened
 from validation.report.columns import DEGREES, METRES
-from validation.report.palette import BLACK, colour, mix
+from validation.report.palette import BLACK, mix_colours, plant_colour
 from validation.simulator.terrain import FLAT, Terrain
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ KEY: Mapping[str, Any] = {
 
 def ink_of(name: str) -> tuple[float, float, float]:
     """Return a plant's colour for lines on white: a little darker than for surfaces."""
-    red, green, blue = mix(colour(name), BLACK, 0.1)
+    red, green, blue = mix_colours(plant_colour(name), BLACK, 0.1)
     return red / 255.0, green / 255.0, blue / 255.0
 
 
@@ -153,7 +153,7 @@ def draw_paths(
     equal_scales(ax, smallest)
 
 
-def pale(ink: Ink) -> Ink:
+def pale_ink(ink: Ink) -> Ink:
     """Return an ink half way to white, for what was before."""
     from matplotlib.colors import to_rgb
 
@@ -277,7 +277,7 @@ def draw_page(
     across = max(1, min(len(labels), int(_WIDTH_IN / (_KEY_IN + _CHARACTER_IN * longest))))
     lines_of_label = max((1 + label.count("\n") for label in labels), default=0)
     deep = math.ceil(len(labels) / across) * lines_of_label
-    text = "\n".join(map(_wrapped, notes))
+    text = "\n".join(map(_wrap_note, notes))
     below = _LINE_IN * (text.count("\n") + 2.2) if notes else 0.0
     heights = [_TITLE_IN + _LINE_IN * deep, *(row.height for row in rows)]
     with matplotlib.style.context(["default", STYLE]):
@@ -314,7 +314,7 @@ def draw_page(
     return figure
 
 
-def _wrapped(note: str) -> str:
+def _wrap_note(note: str) -> str:
     return textwrap.fill(note, _WRAP, initial_indent="• ", subsequent_indent="   ")
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from validation.output import markdown, one_line
 from validation.report.report import Report
-from validation.report.table import Table, html_of, image_html, section
+from validation.report.table import Table, draw_section, html_of, image_html
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +49,7 @@ def calibration_page(
         tables: all tables; those without rows are left out.
         faults: sentences on the log.
     """
-    errors, *others = [section(table) for table in tables if table.rows]
+    errors, *others = [draw_section(table) for table in tables if table.rows]
     listed = [f"- {markdown(fault)}" for fault in faults] or ["None was found."]
     notes = [f"- {markdown(note)}" for note in report.notes()]
     parts: list[str | Figure] = [

@@ -23,7 +23,7 @@ _REFERENCES: Mapping[str, Rgb] = {
 }
 
 
-def colour(name: str) -> Rgb:
+def plant_colour(name: str) -> Rgb:
     """The colour of a plant as it declares it, of `recording` or `truth`; grey for others."""
     if not is_plant(name):
         return _REFERENCES.get(name, GREY)
@@ -31,7 +31,7 @@ def colour(name: str) -> Rgb:
     return red, green, blue
 
 
-def mix(a: Rgb, b: Rgb, share: float) -> Rgb:
+def mix_colours(a: Rgb, b: Rgb, share: float) -> Rgb:
     """Colour `a` with `share` of it (0 to 1) replaced by `b`."""
     red, green, blue = (round(x + share * (y - x)) for x, y in zip(a, b, strict=True))
     return red, green, blue

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from validation import output
 from validation.output import Document, code_span, each_line, markdown, one_line, shortened
-from validation.report.columns import legend
-from validation.report.table import Table, html_of, image_html, section, text_tables
+from validation.report.columns import column_legend
+from validation.report.table import Table, draw_section, html_of, image_html, text_tables
 
 if TYPE_CHECKING:
     import pandas
@@ -127,11 +127,11 @@ class Report:
             given = [f"{one_line(k)} {_option_text(v)}" for k, v in values.items() if v is not None]
             lines.append(f"- {name}: {code_span(', '.join(given) or 'none')}")
         for table in tables:
-            lines += ["", *section(table)]
+            lines += ["", *draw_section(table)]
         if notes := self.notes():
             lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)]
         keys = chain.from_iterable(table.keys for table in tables)
-        if meanings := legend(dict.fromkeys(keys)):
+        if meanings := column_legend(dict.fromkeys(keys)):
             lines += ["", "## What the metrics mean", ""]
             lines += [f"- {meaning}" for meaning in meanings]
         return "\n".join(lines) + "\n"

@@ -41,13 +41,13 @@ from ssmr.robot.ground import LEFT
 from ssmr.types import FloatArray
 from validation.output import each_line, one_line, write_atomic
 from validation.report.columns import Unit, length_unit
-from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
+from validation.report.palette import BLACK, WHITE, Rgb, mix_colours, plant_colour
 from validation.report.scene_robots import (
     GROUND,
     Extent,
     Series,
     Track,
-    bright,
+    bright_colour,
     looks_of,
     shades_of,
 )
@@ -149,7 +149,7 @@ def write_scene(scene: Scene, path: Path) -> None:
     strict = rr.strict_mode()
     rr.set_strict_mode(True)  # else rerun warns and leaves something out
     try:
-        _fill(recording, scene)
+        _fill_recording(recording, scene)
     finally:
         rr.set_strict_mode(strict)
         data = stream.read()  # rerun complains of a stream that is not read
@@ -158,14 +158,14 @@ def write_scene(scene: Scene, path: Path) -> None:
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
-def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
+def _fill_recording(recording: rr.RecordingStream, scene: Scene) -> None:
     unit = length_unit([float(track.errors[0].max()) for track in scene.tracks])
     plots: dict[str, Series] = {}
     for track in scene.tracks:
         plots |= _plots_of(track, unit)
     plots |= scene.plots
     extent = Extent(scene.tracks)
-    recording.send_blueprint(_layout(scene, plots, extent))
+    recording.send_blueprint(_make_layout(scene, plots, extent))
     recording.send_recording_name(one_line(scene.title))
     report = rr.TextDocument(each_line(scene.report), media_type=rr.MediaType.MARKDOWN)
     parts = [
@@ -204,7 +204,7 @@ def _robot_parts(track: Track, solid: bool) -> _Parts:
     entity = f"world/{track.name}/robot"
     for body, solids in looks.solids.items():
         for kind, of_kind in solids.items():
-            yield f"{entity}/{body}/{kind}", None, _shapes(kind, of_kind, track, solid)
+            yield f"{entity}/{body}/{kind}", None, _make_shapes(kind, of_kind, track, solid)
     rows = track.rows
     t = track.t[rows]
     turns = track.turns[rows]
@@ -246,7 +246,7 @@ def _force_parts(track: Track) -> _Parts:
         x, y, _ = looks.places[wheel]
         below.append([x, y + beside, 0.0])
     entity = f"world/{track.name}/robot/contact_force"
-    look = rr.Arrows3D.from_fields(colors=[bright(track.name)], radii=[0.012 * looks.scale])
+    look = rr.Arrows3D.from_fields(colors=[bright_colour(track.name)], radii=[0.012 * looks.scale])
     yield entity, None, look
     origins = np.tile(below, (len(rows), 1))
     columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), origins=origins)
@@ -260,7 +260,7 @@ def _centre_parts(track: Track) -> _Parts:
     centre = rotation_centre(track)[rows]
     near = np.hypot(centre[:, 0], centre[:, 1]) < _NEAR * scale  # not where it is NaN
     entity = f"world/{track.name}/robot/rotation_centre"
-    look = rr.Points3D.from_fields(colors=[bright(track.name)], radii=[0.04 * scale])
+    look = rr.Points3D.from_fields(colors=[bright_colour(track.name)], radii=[0.04 * scale])
     yield entity, None, look
     places = np.column_stack([centre[near], np.zeros(np.count_nonzero(near))])
     points = rr.Points3D.columns(positions=places).partition(near.astype(int))
@@ -274,12 +274,14 @@ def _pose_columns(pose: FloatArray) -> Any:
     return rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
 
 
-def _shapes(kind: str, solids: Sequence[Sequence[FloatArray]], track: Track, opaque: bool) -> Any:
+def _make_shapes(
+    kind: str, solids: Sequence[Sequence[FloatArray]], track: Track, opaque: bool
+) -> Any:
     modes = rr.components.FillMode
     sizes, middles, quats, colours = (np.array(part) for part in zip(*solids, strict=True))
     if track.name != "mujoco":
         shade = 0.4 + 0.6 * colours[:, :3].max(axis=1, keepdims=True)
-        colours[:, :3] = shade * np.array(bright(track.name)) / 255.0
+        colours[:, :3] = shade * np.array(bright_colour(track.name)) / 255.0
     look: dict[str, Any] = {
         "colors": np.round(255.0 * colours).astype(np.uint8),
         "fill_mode": modes.Solid if opaque else modes.TransparentFillMajorWireframe,
@@ -292,7 +294,7 @@ def _shapes(kind: str, solids: Sequence[Sequence[FloatArray]], track: Track, opa
 
 def _path_parts(track: Track, rank: int) -> _Parts:
     """The path, one strip a piece."""
-    ink = colour(track.name)
+    ink = plant_colour(track.name)
     height = 0.008 if rank else 0.012
     strips = []
     for piece, kept in zip(track.pieces, track.shown, strict=True):
@@ -309,7 +311,7 @@ def _name_parts(track: Track, rank: int, extent: Extent) -> _Parts:
         [[0.0, 0.0, height]],
         labels=[track.name],
         colors=[
-            mix(colour(track.name), BLACK, 0.65)
+            mix_colours(plant_colour(track.name), BLACK, 0.65)
         ],  # on grey of a dark theme, and on light ground
         radii=rr.Radius.ui_points(1.0),
     )
@@ -369,7 +371,7 @@ def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
     twist = np.concatenate([p.twist for p in track.pieces])
     body_twist = track.localiser.body_twist(twist)
     name = track.name
-    ink = bright(name)
+    ink = bright_colour(name)
     single: dict[str, tuple[str, FloatArray | None]] = {
         "speed": ("m/s", twist[:, 0]),
         "side_speed": ("m/s", body_twist[:, 1]),
@@ -390,7 +392,7 @@ def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
         sides = [f"{name} left", f"{name} right"]
         plots[f"torque/{name}"] = Series(sides, "N m", shades_of(ink), track.t, torque)
     # four that can be told apart
-    inks = [colour(plant) for plant in ("mujoco", "improved", "coulomb", "linear")]
+    inks = [plant_colour(plant) for plant in ("mujoco", "improved", "coulomb", "linear")]
     wheels = [wheel.replace("_", " ") for wheel in WHEELS]
     for quantity in ("wheel_load", "force_x", "force_y"):
         forces = track.channel(f"{quantity}_N")
@@ -399,7 +401,7 @@ def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
     loads = track.channel(QUASI_STATIC)
     if loads is not None:
         labels = ["quasi-static"] * len(wheels)  # one entry of the legend
-        pale = [mix(ink, WHITE, 0.5) for ink in inks]
+        pale = [mix_colours(ink, WHITE, 0.5) for ink in inks]
         plots[f"wheel_load/{name}_quasi_static"] = Series(labels, "N", pale, track.t, loads)
     return plots
 
@@ -417,7 +419,7 @@ def rotation_centre(track: Track) -> FloatArray:
 # --- the layout ---
 
 
-def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
+def _make_layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
     """Return the layout: robots and report on the left, plots on the right; it plays at once."""
     units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
     first = scene.tracks[0].t[0]
@@ -457,13 +459,13 @@ def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
     distance = extent.distance
     across = np.array([-extent.along[1], extent.along[0]])
     overview = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
-    whole = _view(
+    whole = _world_view(
         "Scene (grid 1 m)", [], position=overview, look_target=np.append(extent.middle, 0.0)
     )
     start = first.pose[0]
     behind = shift_reference(start, (-1.5 * scale, -1.2 * scale))[:2]
     hull = next(iter(looks_of(first.robot).solids["base"]))
-    close = _view(
+    close = _world_view(
         f"Following {first.name}",
         [f"- /world/{track.name}/robot/name" for track in scene.tracks],
         position=np.append(behind, 1.15 * scale),
@@ -474,7 +476,7 @@ def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
     return rrb.Vertical(tabs, close, row_shares=[6, 5])
 
 
-def _view(name: str, without: Sequence[str], **eye: Any) -> rrb.Spatial3DView:
+def _world_view(name: str, without: Sequence[str], **eye: Any) -> rrb.Spatial3DView:
     """Return a view of the world, seen by an eye that turns about its target."""
     grid = rrb.LineGrid3D(visible=True, spacing=1.0, stroke_width=1.0, color=_GRID)
     looks = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye)

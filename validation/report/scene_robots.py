@@ -16,7 +16,7 @@ from ssmr.geometry import integrate_rates, relative_pose, wrap_angle
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.descriptions.loading import load_robot
-from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
+from validation.report.palette import BLACK, WHITE, Rgb, mix_colours, plant_colour
 from validation.simulator.composing import VISUAL_GROUP, compose_robot
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.terrain import FLAT, Terrain
@@ -167,11 +167,11 @@ class Track:
         return np.concatenate([p.channels[name] for p in self.pieces])
 
 
-def bright(name: str) -> Rgb:
+def bright_colour(name: str) -> Rgb:
     """Return the colour of a plant in the figures, or grey where near-black would not show."""
-    rgb = colour(name)
+    rgb = plant_colour(name)
     if max(rgb) < 80:
-        return mix(rgb, WHITE, 0.5)
+        return mix_colours(rgb, WHITE, 0.5)
     return rgb
 
 
@@ -193,7 +193,7 @@ class Series(NamedTuple):
 
 def shades_of(ink: Rgb) -> list[Rgb]:
     """Return a paler and a darker shade of a colour, for the left and the right side."""
-    return [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
+    return [mix_colours(ink, WHITE, 0.35), mix_colours(ink, BLACK, 0.25)]
 
 
 class Extent:

@@ -84,14 +84,14 @@ class Table:
 
     def columns(self) -> list[_TableColumn]:
         """Return the table as it is written, column by column."""
-        numbers = {key: _numbers(row.get(key) for row in self.rows) for key in self.keys}
+        numbers = {key: _finite_numbers(row.get(key) for row in self.rows) for key in self.keys}
         lengths = list(chain.from_iterable(numbers[key] for key in filter(is_length, numbers)))
         columns = []
         for key, of_key in numbers.items():
             values = [row.get(key) for row in self.rows]
             words = all(isinstance(value, str | None) for value in values)
             unit = self.units.get(key) or unit_of(key, of_key, lengths)
-            texts = [_text(value, unit) for value in values]
+            texts = [_cell_text(value, unit) for value in values]
             best = frozenset[int]()
             if self.best and key in DECLARED:
                 best = self._best_of(DECLARED[key], texts)
@@ -110,14 +110,14 @@ class Table:
                 if not isinstance(value, float) or not math.isfinite(value):
                     continue
                 if metric.direction == "high" or next(iter(row.values())) != self.reference:
-                    badness[i] = _badness(value, metric.direction)
+                    badness[i] = _cell_badness(value, metric.direction)
             if len(badness) > 1:
                 least = min(badness, key=badness.__getitem__)
                 best.update(i for i in badness if texts[i] == texts[least])
         return frozenset(best)
 
 
-def _badness(value: float, direction: str) -> float:
+def _cell_badness(value: float, direction: str) -> float:
     if direction == "low":
         return value
     if direction == "high":
@@ -125,14 +125,14 @@ def _badness(value: float, direction: str) -> float:
     return abs(math.log(value)) if value > 0.0 else math.inf
 
 
-def _numbers(values: Iterable[Any]) -> list[float]:
+def _finite_numbers(values: Iterable[Any]) -> list[float]:
     parts = list[Any]()
     for value in values:
         parts += value if isinstance(value, tuple) else [value]
     return [float(n) for n in parts if isinstance(n, int | float) and not isinstance(n, bool)]
 
 
-def _text(value: Any, unit: Unit) -> str:
+def _cell_text(value: Any, unit: Unit) -> str:
     if isinstance(value, tuple):
         median, low, high = (unit.text(v) for v in value)
         return f"{median} ({low}–{high})"
@@ -264,7 +264,7 @@ def markdown_table(table: Table) -> list[str]:
     return lines
 
 
-def section(table: Table) -> list[str]:
+def draw_section(table: Table) -> list[str]:
     """Draw a table below its title and above its caption, as lines of markdown."""
     lines = [f"## {markdown(table.title)}", "", *markdown_table(table)]
     return [*lines, "", markdown(table.caption)] if table.caption else lines

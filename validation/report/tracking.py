@@ -39,8 +39,8 @@ from validation.report.drawing import (
     how_driven,
 )
 from validation.report.driven import DrivenRobots
-from validation.report.palette import BLACK, GREY, WHITE, mix
-from validation.report.scene_robots import Series, Track, bright
+from validation.report.palette import BLACK, GREY, WHITE, mix_colours
+from validation.report.scene_robots import Series, Track, bright_colour
 from validation.report.table import Row, Table
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ class Tracked(DrivenRobots):
         """Return the remarks, and sentences on striking numbers in the tables."""
         notes = [*super().notes(), *self.remarks]
         for r in self.robots:
-            notes += _striking(r)
+            notes += _striking_sentences(r)
         x, y, yaw = self.options.get("start", (0.0, 0.0, 0.0))
         if x or y or yaw:
             notes.append(
@@ -305,8 +305,8 @@ class Tracked(DrivenRobots):
             aim = Series(["reference"], unit, [GREY], target.t, target.twist[:, column])
             plots[f"{quantity}/reference"] = aim
             for r in self.robots:
-                ink = bright(r.plant)
-                inks = [mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)]
+                ink = bright_colour(r.plant)
+                inks = [mix_colours(ink, WHITE, 0.5), mix_colours(ink, BLACK, 0.3)]
                 names = [f"{r.plant} request", f"{r.plant} command"]
                 both = r.run.columns(*columns)
                 wanted = Series(names, unit, inks, r.run.t, both, held=True)
@@ -314,13 +314,13 @@ class Tracked(DrivenRobots):
         for r in self.robots:
             for error, of_error in self._error_units().items():
                 values = of_error.scale * r.run.column(error)
-                inks = [bright(r.plant)]
+                inks = [bright_colour(r.plant)]
                 series = Series([r.plant], of_error.symbol, inks, r.run.t, values)
                 plots[f"{error}/{r.plant}"] = series
         return plots
 
 
-def _striking(r: Followed) -> list[str]:
+def _striking_sentences(r: Followed) -> list[str]:
     """Return sentences on where a robot was worst, and on numbers that are striking."""
     notes = []
     m = r.metrics
@@ -328,7 +328,7 @@ def _striking(r: Followed) -> list[str]:
         notes.append(
             f"{r.plant} was {lost_text(r.run)}: its numbers cover only the time before that."
         )
-    if worst := _worst(r.run, r.target):
+    if worst := _worst_place(r.run, r.target):
         notes.append(f"{r.plant} was {worst}.")
     if m["saturated_fraction"] > _MUCH_SATURATED:
         notes.append(
@@ -351,7 +351,7 @@ def _striking(r: Followed) -> list[str]:
     return notes
 
 
-def _worst(run: ClosedRun, target: Trajectory) -> str:
+def _worst_place(run: ClosedRun, target: Trajectory) -> str:
     """Return where a robot was farthest from the path of its target; empty for no path."""
     from scipy.spatial import KDTree
 

@@ -81,4 +81,4 @@ def main(
 
 
 if __name__ == "__main__":
-    cli.run(main, "python -m benchmarks.control")
+    cli.run_command(main, "python -m benchmarks.control")

@@ -119,4 +119,4 @@ def main(
 
 
 if __name__ == "__main__":
-    cli.run(main, "python -m benchmarks.ros")
+    cli.run_command(main, "python -m benchmarks.ros")

@@ -35,7 +35,7 @@ def measure_if_installed(quick: bool, measure: Callable[[], T]) -> T | None:
     except MissingError as error:
         if not quick:
             raise
-        cli.warn(f"left out: {error}")
+        cli.warn_user(f"left out: {error}")
         return None
 
 
@@ -93,8 +93,8 @@ def report_rows(title: str, rows: Sequence[Row], out: Path) -> None:
     output.make_folder(out.parent)
     document = {
         "schema": "ssmr.benchmark/1",
-        "versions": output.versions(),
+        "versions": output.list_versions(),
         "cores": os.cpu_count(),
         "rows": [*rows],
     }
-    output.write_json(out, output.plain(document))
+    output.write_json(out, output.plain_value(document))

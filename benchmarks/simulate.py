@@ -131,4 +131,4 @@ def main(
 
 
 if __name__ == "__main__":
-    cli.run(main, "python -m benchmarks.simulate")
+    cli.run_command(main, "python -m benchmarks.simulate")

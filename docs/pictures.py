@@ -89,7 +89,7 @@ PICTURES = {
 
 def sign(picture: Path) -> None:
     """Add a line with the versions below a picture."""
-    measured = output.versions()
+    measured = output.list_versions()
     text = " · ".join(f"{name} {measured[name]}" for name in ("ssmr-testbed", "mujoco"))
     drawn = Image.open(picture).convert("RGB")
     size = max(11, drawn.width // 120)

@@ -13,7 +13,7 @@ from ssmr.metrics.declared import compare_paths, compare_signals
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import State
 from validation import load_profile
-from validation.output import silent
+from validation.output import ignore_progress
 from validation.plants.profile import make_plant
 from validation.report.table import Table, text_tables
 from validation.sweep import sweep
@@ -83,7 +83,7 @@ def differences(variant):
     return {key: max(measures[key] for measures in pairs) for key in columns}
 
 
-swept = sweep(VARIANTS, {"trajectory 4": differences}, workers=None, progress=silent)
+swept = sweep(VARIANTS, {"trajectory 4": differences}, workers=None, progress=ignore_progress)
 print(text_tables([Table("A tenth of one number on trajectory 4", swept.rows)], swept.notes))
 
 moved = {row["variant"]: 1e3 * row["sync_rms_m"] for row in swept.rows}

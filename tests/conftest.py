@@ -149,7 +149,7 @@ def exit_status(program: Any, *arguments: str) -> int:
     Starting another one takes longer than what it does.
     """
     try:
-        cli.run(program, "program", arguments)
+        cli.run_command(program, "program", arguments)
     except SystemExit as left:
         return int(left.code or 0)
     return 0

@@ -46,7 +46,7 @@ def test_a_mistyped_option_is_a_users_mistake(
     option: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as left:
-        cli.run(simulate.main, "python -m benchmarks.simulate", [option])
+        cli.run_command(simulate.main, "python -m benchmarks.simulate", [option])
     assert left.value.code == cli.EXIT_USER_ERROR
     errors = capsys.readouterr().err
     assert message in errors

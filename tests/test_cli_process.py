@@ -92,7 +92,7 @@ def test_a_fault_of_the_program_is_told_from_a_mistake(capsys: pytest.CaptureFix
         json.loads("no json")  # a ValueError that nobody foresaw is no mistake of the user
 
     with pytest.raises(SystemExit) as left:
-        cli.run(main, "program", [])
+        cli.run_command(main, "program", [])
     assert left.value.code == cli.EXIT_FAULT
     message = capsys.readouterr().err
     assert "Traceback" in message
@@ -110,7 +110,7 @@ def test_failed_runs_have_their_status(
         raise error
 
     with pytest.raises(SystemExit) as left:
-        cli.run(main, "program", [])
+        cli.run_command(main, "program", [])
     assert left.value.code == status
     assert capsys.readouterr().err.startswith("run failed: ")
 

@@ -139,7 +139,7 @@ def test_other_versions_and_processors_are_named_once(
     for count in (2, 2, 3):
         cluster.scale(count)
         cluster.wait_for_workers(count)
-        results = dict(workers.completed(cluster.scheduler_address, abs, calls))
+        results = dict(workers.complete_calls(cluster.scheduler_address, abs, calls))
         assert results == {0: 0, 1: 1, 2: 2}
         named = re.findall(r"the worker (\S+) has processor .*, not abacus:", caplog.text)
         assert len(named) == len(set(named)) == count
@@ -178,7 +178,7 @@ def test_a_result_that_went_away_with_its_worker_is_computed_again(
 
     monkeypatch.setattr(cfexecutor, "_cascade_future", lose_the_first)
     calls = [(k, 2) for k in range(4)]
-    found = dict(workers.completed(cluster.scheduler_address, pow, calls))
+    found = dict(workers.complete_calls(cluster.scheduler_address, pow, calls))
     assert found == {k: k**2 for k in range(4)}
     assert not left
 
@@ -186,7 +186,7 @@ def test_a_result_that_went_away_with_its_worker_is_computed_again(
         raise ValueError(f"no {k}")
 
     with pytest.raises(ValueError, match="no 0"):
-        list(workers.completed(cluster.scheduler_address, refuse, [(0,)]))
+        list(workers.complete_calls(cluster.scheduler_address, refuse, [(0,)]))
 
 
 @pytest.mark.parametrize("breaks", ["interrupt", "worker", "scheduler"])

@@ -32,7 +32,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from tests.test_docs import tables
-from validation.output import silent
+from validation.output import ignore_progress
 from validation.replicate.chapters import Task
 from validation.replicate.control import track_tables
 from validation.replicate.lab import variance_above, with_late_samples
@@ -302,7 +302,7 @@ def test_43_the_gaps_of_the_line_are_not_those_of_the_manual_weights() -> None:
 
 def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both() -> None:
     """The printed lengths and gaps at 0.25 m/s, with weights as printed and as supposed."""
-    tables = track_tables(("4.22", "4.24"), Task(0, 1, silent, draws=2))
+    tables = track_tables(("4.22", "4.24"), Task(0, 1, ignore_progress, draws=2))
     for number in tables:
         ((_, pairs),) = tables[number].items()
         printed, manual, supposed = (

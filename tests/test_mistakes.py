@@ -169,7 +169,7 @@ def test_a_mistake_has_a_clear_message_and_leaves_nothing(
     program, *arguments = shlex.split(command)
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     with pytest.raises(SystemExit) as left:
-        cli.run(program_named(program), f"python -m validation.{program}", arguments)
+        cli.run_command(program_named(program), f"python -m validation.{program}", arguments)
     message = capsys.readouterr().err
     assert left.value.code == cli.EXIT_USER_ERROR
     # what is wrong with the command line itself stands in a box of tyro

@@ -167,7 +167,7 @@ def test_a_tuple_of_any_length_is_a_list() -> None:
     main.__annotations__["options"] = Annotated[OfAUser, tyro.conf.arg(name="")]
     words = ["--delays", "0.1,0.2", "--names", "a,b", "--own", "f.py:f"]
     for made_of in (
-        cli.parse(main, "main", words)(),
+        cli.parse_command(main, "main", words)(),
         OfAUser(delays="0.1,0.2", names="a,b", own="f.py:f"),  # type: ignore[arg-type]
     ):
         assert (made_of.delays, made_of.names, made_of.own) == ((0.1, 0.2), ("a", "b"), "f.py:f")

@@ -588,7 +588,7 @@ def test_a_mistake_ends_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[
         ("check", str(path), "--controller", str(path)),
     ):
         with pytest.raises(SystemExit) as left:
-            cli.run(PROGRAM, "robots", (*arguments, "--out", str(tmp_path / "out")))
+            cli.run_command(PROGRAM, "robots", (*arguments, "--out", str(tmp_path / "out")))
         assert left.value.code == cli.EXIT_USER_ERROR
         assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "x.xml").exists()

@@ -17,7 +17,7 @@ from tests.conftest import ROUNDOFF, exit_status, installed_plant
 from validation.engines.body import EngineMissingError
 from validation.experiment.gains import FIELDS, load_gains
 from validation.experiment.loops import make_controller
-from validation.output import Progress, silent
+from validation.output import Progress, ignore_progress
 from validation.plants.profile import Profile
 from validation.replicate import gazebo, published, replicate
 from validation.replicate.chapters import (
@@ -48,7 +48,7 @@ from validation.replicate.verdicts import EVIDENCE, STATUSES
 PLACES = {f"Sec. {n}" for n in ("3.7", "4.5, motors")} | {"Fig. 3.33"}
 WANTED = PLACES | {*"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37".split(), *CONTROL_TABLES}
 SMALL = {**QUICK, "fit": (8, 3), "draws": 1}
-TASK = Task(1, 2, silent, **SMALL)
+TASK = Task(1, 2, ignore_progress, **SMALL)
 
 
 def section(key: str) -> Section:

@@ -49,7 +49,7 @@ def changed(name: str = "warthog", **sections: Mapping[str, Any]) -> Robot:
 
 
 def run(*arguments: str) -> None:
-    cli.run(PROGRAM, "robots", arguments)
+    cli.run_command(PROGRAM, "robots", arguments)
 
 
 # ------------------------------------------------------------------------------------------- check

@@ -184,7 +184,7 @@ def test_without_the_extra_one_line_says_so(
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "cyclonedds", None)
     with pytest.raises(SystemExit) as ended:
-        cli.run(PROGRAM, "ros", ("control", "pid", "line", "--ros", "2"))
+        cli.run_command(PROGRAM, "ros", ("control", "pid", "line", "--ros", "2"))
     assert ended.value.code == cli.EXIT_USER_ERROR
     assert "pip install 'ssmr-testbed[ros2]'" in " ".join(capsys.readouterr().err.split())
 

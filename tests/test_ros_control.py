@@ -471,7 +471,7 @@ class Drive:
     def run(self) -> int:
         """Drive; the exit status."""
         try:
-            cli.run(
+            cli.run_command(
                 PROGRAM,
                 "ros",
                 ("control", "pid", str(self.path), "--speed", "0.25", "--out", str(self.out)),

@@ -120,7 +120,7 @@ def test_help_is_about_options_alone(
     words: str, command: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        cli.parse(command, words, ["--help"])
+        cli.parse_command(command, words, ["--help"])
     text = capsys.readouterr().out
     assert "-h, --help" in text
     for noise in ("Raises", "Returns", "Args:", "(default: )", "None)", "False)", "tyro"):

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import data_folder, exit_status
-from validation.cli import parse
+from validation.cli import parse_command
 from validation.cli.__main__ import PROGRAMS, program_named
 from validation.files.formats import log_path
 
@@ -57,7 +57,7 @@ def test_every_command_of_a_page_can_be_read(
             result.parent.mkdir(parents=True)
             config = {"program": name, "source": "traj4"}
             result.write_text(json.dumps({"schema": "ssmr.compare/1", "config": config}))
-        parse(program_named(name), name, words)
+        parse_command(program_named(name), name, words)
 
 
 def shortened(words: list[str]) -> str:

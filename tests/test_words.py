@@ -54,7 +54,7 @@ def test_one_line_is_printable_and_stays_what_it_is(text: str) -> None:
     line.encode()
     assert not harmful(output.each_line(text), "\n")
     assert not harmful(output.code_span(text))
-    assert len(output.shortened(text, 20)) <= 20
+    assert len(output.shorten_text(text, 20)) <= 20
 
 
 def test_what_is_not_shown_as_it_is_can_still_be_told_apart() -> None:
@@ -68,9 +68,9 @@ def test_what_is_not_shown_as_it_is_can_still_be_told_apart() -> None:
 def test_markdown_shows_foreign_text_as_text(text: str, other: str) -> None:
     page = "\n".join(
         [
-            f"# {output.markdown(text)}",
+            f"# {output.markdown_text(text)}",
             "",
-            f"- {output.markdown(other)}",
+            f"- {output.markdown_text(other)}",
             "",
         ]
     )
@@ -92,7 +92,7 @@ def test_names_of_files_are_no_paths_and_no_options(text: str) -> None:
 
 @given(st.text(max_size=80), st.integers(8, 40))
 def test_what_is_too_long_loses_its_middle(text: str, most: int) -> None:
-    line = output.abridged(text, most)
+    line = output.abridge_text(text, most)
     assert len(line) <= most
     assert not harmful(line, "")
     whole = output.one_line(text)

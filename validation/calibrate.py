@@ -389,7 +389,7 @@ class Calibrated(Report):
         return drawing.draw_page(self.title, [row], legend=legend, notes=verdicts)
 
 
-@cli.program(Calibrate)
+@cli.make_program(Calibrate)
 def calibrate(o: Calibrate) -> Calibrated:
     """Calibrate a robot from a log: name its faults, fit, and judge the fits on unseen data.
 
@@ -431,7 +431,7 @@ def calibrate(o: Calibrate) -> Calibrated:
         whole = source_of(opened[names[0]], split_ground(names[0])[0], kinds[inputs[0]])
         unknown = unknown_robot_notes(whole, robot)
         for warning in unknown[1:]:
-            cli.warn(warning)
+            cli.warn_user(warning)
         notes += unknown
     judging = [each.common for each in (held or opened).values()]
     fits = _fits(o, profile, sources, _usual_way(judging))
@@ -579,7 +579,7 @@ def _inputs(o: Calibrate, inspected: Inspected) -> tuple[list[Input], list[str]]
         others = [*(fault.sentence for fault in faults.named), *missing]
         first = f"look at {', '.join(named)} first" if refused else others.pop(-len(missing))
         for sentence in others:
-            cli.warn(f"{log.name}: {sentence}")
+            cli.warn_user(f"{log.name}: {sentence}")
         raise ValueError(f"{log.name}: {first}; --trust calibrates all the same")
     often = (faults.uncommanded_share or 0.0) > _UNCOMMANDED
     inputs = list[Input]()

@@ -121,7 +121,7 @@ class Compare(cli.Filmed, ReadOptions):
         return {name: value for name, value in options.items() if value is not None}
 
 
-@cli.program(Compare)
+@cli.make_program(Compare)
 def compare(o: Compare) -> Comparison:
     """Drive every plant with the same commands and compare each with the reference.
 
@@ -142,7 +142,7 @@ def compare(o: Compare) -> Comparison:
     doubts = [*profile.too_fast(pace, source.title), *profile.unfitted(plants)]
     foreign = driver_warnings(plants, profile.robot)
     for warning in (*source.warnings, *unknown[1:], *doubts, *foreign):
-        cli.warn(warning)
+        cli.warn_user(warning)
     localisers = {name: profile.section(name).localiser for name in plants}
     push_seed = o.seed if o.disturbance else None
     runs = drive_all(source, plants, localisers, push_seed, o.workers, o.progress)
@@ -172,7 +172,7 @@ def compare(o: Compare) -> Comparison:
             by_gyro = [replace(judge, begins=piece.begins) for judge, piece in pairs]
         scores[name] = score_windows(metrics, pieces, motions, horizons, by_gyro, band)
     for sentence in health_warnings(runs):
-        cli.warn(sentence)
+        cli.warn_user(sentence)
     return Comparison(
         title=f"{one_line(source.name)}, {with_robot(profile.name, profile.robot.name)}",
         options=o.as_dict(),

@@ -85,7 +85,7 @@ from validation.identify.uncertainty import (
     estimate_uncertainty,
     uncertainty_sentences,
 )
-from validation.output import Document, Progress, file_name, one_line, shortened
+from validation.output import Document, Progress, file_name, one_line, shorten_text
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import find_number, make_space, split_by_log, with_values
@@ -283,7 +283,7 @@ class Fitted(SearchReport):
             "of_logs": {p.name: p.value for p in parameters if "@" in p.name},
         }
         logs = ", ".join(Path(name).name for name in self.asked.names)
-        fitted = f"{self.model} by {occasion} to {shortened(logs, 200)}"
+        fitted = f"{self.model} by {occasion} to {shorten_text(logs, 200)}"
         before, _, others = self.base.description.partition(_FITTED)
         kept = [part for part in others.split("; ") if not part.startswith(fitted.split(" to ")[0])]
         truth = [true_motion(piece) for source in self.problem.sources for piece in source.pieces]
@@ -335,7 +335,7 @@ class Fitted(SearchReport):
         leads = ("", "held out: ", "before, held out: ")
         for lead, scores in zip(leads, (self.train, self.held_out, self.unfitted), strict=True):
             for label, s in scores.items():
-                short = shortened(Path(label).name, 32)
+                short = shorten_text(Path(label).name, 32)
                 out.append((f"{lead}{short}", s))
         return out
 
@@ -380,7 +380,7 @@ class Fitted(SearchReport):
         return search_figure(self, ink, "before", rows)
 
 
-@cli.program(Fit)
+@cli.make_program(Fit)
 def fit(o: Fit) -> Fitted:
     """Fit a plant's parameters to motions by differential evolution (jDE), least squares, or both.
 
@@ -394,7 +394,7 @@ def fit(o: Fit) -> Fitted:
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
-    return run_fit(o, cli.warn)
+    return run_fit(o, cli.warn_user)
 
 
 def _occasion_of(o: Fit) -> Occasion:
@@ -421,7 +421,7 @@ def _searched(o: Fit, names: Sequence[str], sources: Sequence[Source]) -> list[s
 
 
 def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
-    """Return the report of `fit`; `warn` is called with what is wrong with its sources or it."""
+    """Return the report of `fit`; `warn_user` is called with what is wrong with its sources or it."""
     add_user_model(o.own_model)
     occasion = _occasion_of(o)
     kind = plant_kind(o.model)

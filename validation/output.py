@@ -7,10 +7,10 @@ Python has for it, such as `\x1b` or `\u202e`, and a byte of a file name that is
 
 - terminal and HTML (whose template escapes its marks besides): `one_line`, and `each_line` for
   several lines;
-- markdown: `markdown` for prose, `code_span` for names, `one_line` for cells of tables;
+- markdown: `markdown_text` for prose, `code_span` for names, `one_line` for cells of tables;
 - names of files that are made from foreign text: `file_name`;
-- a line on standard error, which may quote what was given: `abridged`;
-- titles: `shortened`.
+- a line on standard error, which may quote what was given: `abridge_text`;
+- titles: `shorten_text`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _OF_SHELLS = "/\\:*?\"<>|$&;'`!"
 """Printable characters that file systems or shells read as something else than a part of a name."""
 
 
-def _escape(character: str) -> str:
+def _escape_character(character: str) -> str:
     if unicodedata.category(character) not in _HARMFUL:
         return character
     # How Python carries a byte of a file name that is no text.
@@ -50,12 +50,12 @@ def _escape(character: str) -> str:
     return character.encode("unicode_escape").decode("ascii")
 
 
-def visible(text: object) -> str:
+def make_visible(text: object) -> str:
     """Return text in which characters that are not to be shown, line breaks too, are escapes."""
     whole = str(text)
     if whole.isprintable():
         return whole
-    return "".join(map(_escape, whole))
+    return "".join(map(_escape_character, whole))
 
 
 def said_once(notes: Mapping[str, Sequence[str]]) -> list[str]:
@@ -76,15 +76,15 @@ def said_once(notes: Mapping[str, Sequence[str]]) -> list[str]:
 
 def one_line(text: object) -> str:
     """Foreign text in one harmless line: white space is a space, control characters visible."""
-    return visible(" ".join(str(text).split()))
+    return make_visible(" ".join(str(text).split()))
 
 
 def each_line(text: object) -> str:
     """Foreign text of several lines, each of them harmless; spaces at their beginnings stay."""
-    return "\n".join(map(visible, str(text).expandtabs().replace("\r\n", "\n").split("\n")))
+    return "\n".join(map(make_visible, str(text).expandtabs().replace("\r\n", "\n").split("\n")))
 
 
-def shortened(text: object, most: int) -> str:
+def shorten_text(text: object, most: int) -> str:
     """Foreign text in one line of at most `most` characters; the end, which says more, is kept."""
     line = one_line(text)
     if len(line) <= most:
@@ -92,7 +92,7 @@ def shortened(text: object, most: int) -> str:
     return f"…{line[1 - most :]}"
 
 
-def abridged(text: object, most: int) -> str:
+def abridge_text(text: object, most: int) -> str:
     """Foreign text in one line of at most `most` characters; a longer one loses its middle."""
     line = one_line(text)
     half = most // 2
@@ -106,7 +106,7 @@ def code_span(text: object) -> str:
     return "`" + one_line(text).replace("`", "'") + "`"
 
 
-def markdown(text: object) -> str:
+def markdown_text(text: object) -> str:
     """Foreign text for the prose of markdown, in one line: no HTML, link or picture comes of it."""
     return re.sub(r"<(?=[A-Za-z/!?])", "&lt;", one_line(text)).replace("](", "]&#40;")
 
@@ -129,14 +129,14 @@ PACKAGES = ("ssmr-testbed", "mujoco", "numpy", "scipy", "numba", "control", "rer
 """Packages whose versions a result records."""
 
 
-def versions() -> dict[str, str]:
+def list_versions() -> dict[str, str]:
     """Return the versions of this project, Python and the packages that decide numbers."""
-    packages = {package: _version(package) for package in PACKAGES}
+    packages = {package: _package_version(package) for package in PACKAGES}
     return {"python": platform.python_version(), **packages}
 
 
 @cache
-def _version(package: str) -> str:
+def _package_version(package: str) -> str:
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -197,12 +197,12 @@ def write_text(path: Path, text: str) -> None:
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
-def plain(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
     """A value as JSON has it: mappings and sequences throughout, null for a non-finite number."""
     if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {str(k): plain_value(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
+        return [plain_value(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
@@ -213,12 +213,12 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
-def encodable(value: Any) -> Any:
+def make_encodable(value: Any) -> Any:
     """A document of Unicode texts throughout: half a surrogate pair is a byte of no text."""
     if isinstance(value, Mapping):
-        return {encodable(k): encodable(v) for k, v in value.items()}
+        return {make_encodable(k): make_encodable(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [encodable(v) for v in value]
+        return [make_encodable(v) for v in value]
     if isinstance(value, str):
         return value.encode("utf-8", "backslashreplace").decode()
     return value
@@ -257,5 +257,5 @@ Progressing = Callable[[Progress], object]
 """A callback that takes each `Progress` as it happens. It is called from one thread at a time."""
 
 
-def silent(progress: Progress) -> None:
+def ignore_progress(progress: Progress) -> None:
     """Ignore `progress`; the default where nobody asks for reports."""

@@ -213,7 +213,7 @@ class Conversion(LogReport):
 # --- programs ---
 
 
-@cli.program(Info)
+@cli.make_program(Info)
 def info(o: Info) -> LogReport:
     """Report what a log contains.
 
@@ -293,7 +293,7 @@ def _chosen(log: Log) -> dict[str, str | None]:
     return chosen
 
 
-@cli.program(Convert)
+@cli.make_program(Convert)
 def convert(o: Convert) -> LogReport:
     """Write a log as .csv, or its poses as .tum, a trajectory for evo.
 
@@ -505,4 +505,4 @@ def _require_free(path: Path, report: LogReport) -> None:
 PROGRAM = {"info": _command(info), "convert": _command(convert)}
 
 if __name__ == "__main__":
-    cli.run(PROGRAM, "python -m validation.recordings")
+    cli.run_command(PROGRAM, "python -m validation.recordings")

@@ -29,7 +29,7 @@ from validation.descriptions.importing import RobotDraft, draft_robot, import_ro
 from validation.descriptions.loading import load_robot
 from validation.engines.trial import examine_in_engine
 from validation.files.reading import read_text
-from validation.output import Document, abridged, file_name, one_line, visible
+from validation.output import Document, abridge_text, file_name, make_visible, one_line
 from validation.plants.profile import (
     Profile,
     bare_profile,
@@ -199,13 +199,13 @@ class RobotCheck(Report):
         low, high = robot_outline(self.robot)
         length, width, _ = high - low
         verdict = "no fault found" if self.ok else "something is wrong"
-        title = f"{abridged(self.title, 60)}: {verdict}"
+        title = f"{abridge_text(self.title, 60)}: {verdict}"
         height = min(10.0 * width / length + 1.4, 7.0)
         row = PanelRow(height, [partial(_draw_from_above, self)])
         return draw_page(title, [row], notes=[finding.sentence for finding in self.findings])
 
 
-@cli.program(CheckRobot)
+@cli.make_program(CheckRobot)
 def check_robot(o: CheckRobot) -> RobotCheck:
     """Check a robot: what is wrong with its file, and what would be right.
 
@@ -452,8 +452,8 @@ def _import(
 def _write(draft: RobotDraft, out: Path | None) -> None:
     target = out or Path(f"{draft.robot.name}.toml")
     _save(draft.text, target)
-    check = f"next: python -m validation.robots check {visible(target)}"
-    _print([_numbers(draft.robot)], [*draft.remarks, f"written: {visible(target)}", check])
+    check = f"next: python -m validation.robots check {make_visible(target)}"
+    _print([_numbers(draft.robot)], [*draft.remarks, f"written: {make_visible(target)}", check])
 
 
 def _says(target: Path, text: str) -> bool:
@@ -561,7 +561,7 @@ def _export(
     ending = "yaml" if to == "diff-drive" else to
     target = out or Path(f"{file_name(load_robot(robot).name)}.{ending}")
     _save(export_robot(robot, to, profile, timestep=timestep), target)
-    _print([], [f"written: {visible(target)}"])
+    _print([], [f"written: {make_visible(target)}"])
 
 
 PROGRAM = {
@@ -573,4 +573,4 @@ PROGRAM = {
 }
 
 if __name__ == "__main__":
-    cli.run(PROGRAM, "python -m validation.robots")
+    cli.run_command(PROGRAM, "python -m validation.robots")

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from ssmr.errors import SsmrError
-from validation.output import Document, Progress, Progressing, one_line, silent
+from validation.output import Document, Progress, Progressing, ignore_progress, one_line
 from validation.report.report import FINISHED, INTERRUPTED
-from validation.workers import completed
+from validation.workers import complete_calls
 
 Variant = TypeVar("Variant")
 Measure = Callable[[Variant], Mapping[str, Any]]
@@ -34,7 +34,7 @@ def sweep(
     measures: Mapping[str, Measure[Variant]],
     *,
     workers: int | str | None = None,
-    progress: Progressing = silent,
+    progress: Progressing = ignore_progress,
 ) -> Swept:
     """Take every measure of every variant.
 
@@ -59,7 +59,7 @@ def sweep(
     status = FINISHED
     calls = [(name, variant, measures) for name, variant in variants.items()]
     try:
-        for _, (row, failed) in completed(workers, _row_of, calls):
+        for _, (row, failed) in complete_calls(workers, _row_of, calls):
             rows[row["variant"]] = row
             failures |= failed
             progress(Progress(len(rows), len(variants), row["variant"]))

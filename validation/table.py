@@ -83,7 +83,7 @@ class SideBySide(Report):
         return {**super().files(), "table.csv": lambda path: write_text(path, text)}
 
 
-@cli.program(Side)
+@cli.make_program(Side)
 def table(o: Side) -> SideBySide:
     """Lay results of several runs side by side.
 

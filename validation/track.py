@@ -168,7 +168,7 @@ class TrackOptions(cli.Filmed):
         return Path("runs") / "track" / file_name(f"{name}-{label}")
 
 
-@cli.program(TrackOptions)
+@cli.make_program(TrackOptions)
 def track(o: TrackOptions) -> Tracked:
     """Let a robot follow a reference under a controller.
 
@@ -207,7 +207,7 @@ def track(o: TrackOptions) -> Tracked:
     sentences += [*profile.unfitted(plants), *driver_warnings(plants, profile.robot)]
     remarks = [sentence for sentence in sentences if sentence is not None]
     for remark in remarks:
-        cli.warn(remark)
+        cli.warn_user(remark)
     driven = []
     for k, robot in enumerate(robots):
         o.progress(Progress(k, len(robots), f"{robot.name} drives"))

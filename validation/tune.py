@@ -314,7 +314,7 @@ class Tuned(SearchReport):
         return [*map(one_line, out), *super().notes()]
 
 
-@cli.program(Tune)
+@cli.make_program(Tune)
 def tune(o: Tune) -> Tuned:
     """Tune the gains of a controller by differential evolution (jDE).
 

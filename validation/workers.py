@@ -20,7 +20,7 @@ import numpy as np
 
 from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
-from validation.output import one_line, versions
+from validation.output import list_versions, one_line
 
 _ADDRESS = re.compile(r"(tls://[^/]+|tcp://(localhost|127(\.\d+){3}|\[::1\])):\d+")
 """Addresses of schedulers: encrypted ones, and those of this machine."""
@@ -53,7 +53,7 @@ def require_address(address: str) -> None:
         )
 
 
-def completed(
+def complete_calls(
     workers: int | str | None, function: Callable[..., Any], calls: Sequence[Sequence[Any]]
 ) -> Iterator[tuple[int, Any]]:
     """Call a function side by side; yield the number and the result of each call as it ends.
@@ -64,7 +64,7 @@ def completed(
         ValueError: no scheduler answers at the address.
         SsmrError: the scheduler or its last worker went away.
     """
-    client: Any = _connected(workers) if isinstance(workers, str) else None
+    client: Any = _connect_client(workers) if isinstance(workers, str) else None
     pool: Executor
     if client is None:
         pool = ThreadPoolExecutor(threads_of(workers))
@@ -82,7 +82,7 @@ def completed(
     except Exception as error:  # dask has no common one
         if client is None or error is own:
             raise
-        raise _gone(workers, error) from error
+        raise _scheduler_gone(workers, error) from error
     finally:
         for future in futures:
             future.cancel()
@@ -142,9 +142,9 @@ def rate_there(
 
     Each share of them is rated on one thread, and the result is equal to the bit where versions and
     processors are. `on_share` is called with the share of the work that is done. The errors are
-    those of `completed`.
+    those of `complete_calls`.
     """
-    client = _connected(address)
+    client = _connect_client(address)
     if problem not in _scattered or _scattered[problem][0] is not client:
         _scattered[problem] = client, client.scatter(problem, broadcast=True, hash=False)
     at_workers = _scattered[problem][1]
@@ -154,7 +154,7 @@ def rate_there(
     calls = [(at_workers, method, *share) for share in shares]
     rated = {}
     seconds = 0.0
-    for number, (values, took) in completed(address, _rate, calls):
+    for number, (values, took) in complete_calls(address, _rate_share, calls):
         rated[number] = values
         seconds += took
         if on_share is not None:
@@ -164,7 +164,7 @@ def rate_there(
     return np.concatenate([rated[number] for number in range(count)])
 
 
-def _gone(address: int | str | None, error: Exception) -> SsmrError:
+def _scheduler_gone(address: int | str | None, error: Exception) -> SsmrError:
     why = f"{type(error).__name__}: {one_line(error)[:120]}"
     return SsmrError(
         f"the dask scheduler {address} or its workers are gone ({why}); "
@@ -181,14 +181,14 @@ def _say_slow(address: str) -> None:
     )
 
 
-def _rate(problem: Any, method: str, *share: FloatArray) -> tuple[FloatArray, float]:
+def _rate_share(problem: Any, method: str, *share: FloatArray) -> tuple[FloatArray, float]:
     """Return the values of a share, and the time that it took on this worker [s]."""
     began = time.perf_counter()
     values = getattr(problem, method)(*share)
     return values, time.perf_counter() - began
 
 
-def _connected(address: str) -> Any:
+def _connect_client(address: str) -> Any:
     """Return the client of a scheduler, of which this process has one.
 
     Raises:
@@ -213,7 +213,7 @@ def _connected(address: str) -> Any:
         client.wait_for_workers(1, _PATIENCE_S)
     except OSError as error:
         if address in _clients:
-            raise _gone(address, error) from error
+            raise _scheduler_gone(address, error) from error
         raise ValueError(
             f"no dask scheduler with workers answers at {address} ({one_line(error)}); start them "
             f"with `dask scheduler` and `dask worker {address}`"
@@ -238,4 +238,4 @@ def _warn_of_others(client: Any) -> None:
 
 def _versions_here() -> Mapping[str, str]:
     """Return on what the last digits of results depend: versions and the processor."""
-    return {**versions(), "processor": llvmlite.binding.get_host_cpu_name()}
+    return {**list_versions(), "processor": llvmlite.binding.get_host_cpu_name()}

@@ -49,7 +49,7 @@ def program_named(name: str) -> Any:
     return getattr(module, "PROGRAM", None) or getattr(module, name)
 
 
-def _named(says: str) -> Any:
+def _stand_in_command(says: str) -> Any:
     """Return a command that stands for a program in the list of all."""
 
     def nothing() -> None:
@@ -82,14 +82,18 @@ def main() -> None:
     """Run the program that the command line names first; see `PROGRAMS`."""
     first, *rest = sys.argv[1:] or ["--help"]
     if first == "--version":
-        print(f"ssmr-testbed {output.versions()['ssmr-testbed']}")
+        print(f"ssmr-testbed {output.list_versions()['ssmr-testbed']}")
     elif first in PROGRAMS:
-        cli.run(program_named(first), f"ssmr {first}", rest)
+        cli.run_command(program_named(first), f"ssmr {first}", rest)
     elif first.startswith("--tyro-"):
         # only a shell's completion needs the options of all programs at once
-        cli.run(_read_as({name: program_named(name) for name in PROGRAMS}), "ssmr")
+        cli.run_command(_read_as({name: program_named(name) for name in PROGRAMS}), "ssmr")
     else:
-        cli.run(_read_as({name: _named(says) for name, says in PROGRAMS.items()}), "ssmr", [first])
+        cli.run_command(
+            _read_as({name: _stand_in_command(says) for name, says in PROGRAMS.items()}),
+            "ssmr",
+            [first],
+        )
 
 
 if __name__ == "__main__":

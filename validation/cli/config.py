@@ -41,18 +41,18 @@ def config_of(program: str, options: Any) -> Document:
     """Return the options of a run as its JSON file has them, without those that are not given."""
     kept = {"program": program}
     for option in fields(options):
-        value = _kept(getattr(options, option.name))
+        value = _storable_value(getattr(options, option.name))
         if option.name not in _OF_A_CALL and value not in (None, {}, text_of(USUAL)):
             kept[option.name] = value
     return kept
 
 
-def _kept(value: Any) -> Any:
+def _storable_value(value: Any) -> Any:
     """Return a value in a form that JSON holds and `Options` takes."""
     if isinstance(value, Mapping):
-        return {name: _kept(part) for name, part in value.items()}
+        return {name: _storable_value(part) for name, part in value.items()}
     if isinstance(value, tuple):
-        return [_kept(part) for part in value]
+        return [_storable_value(part) for part in value]
     if isinstance(value, Path | Terrain | LogLimits):
         return text_of(value)
     if isinstance(value, str | bool | int | float | None):

@@ -36,7 +36,7 @@ from tyro.constructors import (
 from ssmr.scenarios import TRAJECTORIES
 from validation.files.csv_logs import with_frames_apart
 from validation.files.limits import USUAL, LogLimits
-from validation.output import one_line, shortened
+from validation.output import one_line, shorten_text
 from validation.plants.profile import Profile
 from validation.simulator.description import Robot
 from validation.simulator.terrain import Terrain, parse_terrain
@@ -66,8 +66,8 @@ class Options:
         # a frame may not pass for a scenario
         frames: dict[str, Any] = dict.fromkeys(TRAJECTORIES)
         for name, kind in kinds.items():
-            value = _admitted(with_frames_apart(getattr(self, name), frames), kind)
-            _require(name, value, kind)
+            value = _admit_value(with_frames_apart(getattr(self, name), frames), kind)
+            _require_kind(name, value, kind)
             object.__setattr__(self, name, value)
 
 
@@ -78,7 +78,7 @@ def kinds_of(options: Any) -> Mapping[str, Any]:
     return {option.name: hints[option.name] for option in fields(options)}
 
 
-def _admitted(value: Any, kind: Any) -> Any:
+def _admit_value(value: Any, kind: Any) -> Any:
     """Return a given value in the form that its type asks for."""
     if isinstance(value, np.generic):
         return value.item()
@@ -86,8 +86,8 @@ def _admitted(value: Any, kind: Any) -> Any:
         return tuple(value)
     if isinstance(value, Mapping):
         # JSON has no tuples
-        return {name: _admitted(part, Any) for name, part in value.items()}
-    if not isinstance(value, str) or value in chain(*map(_choices_of, _members(kind))):
+        return {name: _admit_value(part, Any) for name, part in value.items()}
+    if not isinstance(value, str) or value in chain(*map(_choices_of, _union_members(kind))):
         return value
     if kind == AnyPath:
         return Path(value)
@@ -97,7 +97,7 @@ def _admitted(value: Any, kind: Any) -> Any:
     try:
         return form[1](value)
     except ValueError as error:
-        raise ValueError(f"'{shortened(value, 40)}' must be {form[0]}: {error}") from error
+        raise ValueError(f"'{shorten_text(value, 40)}' must be {form[0]}: {error}") from error
 
 
 def read_value(value: T | str) -> T:
@@ -112,11 +112,11 @@ def words_of(kind: Any) -> str:
     return re.sub(r"\b(\w+\.)+", "", text)
 
 
-def _require(name: str, value: Any, kind: Any) -> None:
+def _require_kind(name: str, value: Any, kind: Any) -> None:
     """Raise a ValueError for an option that is not of its type, or no finite number."""
     try:
         check_type(value, kind, collection_check_strategy=CollectionCheckStrategy.ALL_ITEMS)
-        if isinstance(value, bool) and bool not in _members(kind):
+        if isinstance(value, bool) and bool not in _union_members(kind):
             raise TypeCheckError("to Python a truth value is a whole number")
     except TypeCheckError as error:
         given = one_line(reprlib.repr(value))
@@ -124,11 +124,11 @@ def _require(name: str, value: Any, kind: Any) -> None:
     parts = value if isinstance(value, tuple) else (value,)
     if any(isinstance(part, float) and math.isnan(part) for part in parts):
         raise ValueError(f"{name} is {value}, wanted a finite number")
-    if Sequence[float] in _members(kind) and [0.0, *parts] != sorted({0.0, *parts}):
+    if Sequence[float] in _union_members(kind) and [0.0, *parts] != sorted({0.0, *parts}):
         raise ValueError(f"{name} is {text_of(value)}, wanted positive numbers that increase")
 
 
-def _members(kind: Any) -> tuple[Any, ...]:
+def _union_members(kind: Any) -> tuple[Any, ...]:
     """Return the members of a union; a type that is none is its only member."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         return tuple(map(_as_list, typing.get_args(kind)))
@@ -145,23 +145,23 @@ def _as_list(kind: Any) -> Any:
 # --- how texts are read ---
 
 
-def _parts(text: str) -> tuple[str, ...]:
+def _split_names(text: str) -> tuple[str, ...]:
     names = tuple(part.strip() for part in text.split(",") if part.strip())
     if len(set(names)) < len(names):
         raise ValueError("a name stands twice")
     return names
 
 
-def _numbers(text: str) -> tuple[float, ...]:
+def _read_numbers(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in text.split(",") if part.strip())
 
 
-def _pairs(read: Callable[[str], T]) -> Callable[[str], dict[str, T]]:
+def _pairs_reader(read: Callable[[str], T]) -> Callable[[str], dict[str, T]]:
     """Return a function that reads NAME=SOMETHING,... as a dictionary, each name once."""
 
     def parse(text: str) -> dict[str, T]:
         values: dict[str, T] = {}
-        for part in _parts(text):
+        for part in _split_names(text):
             name, equals, value = (piece.strip() for piece in part.partition("="))
             if not equals or not name or name in values:
                 raise ValueError(f"'{part}' is no pair, or its name stands twice")
@@ -171,12 +171,12 @@ def _pairs(read: Callable[[str], T]) -> Callable[[str], dict[str, T]]:
     return parse
 
 
-def _span(text: str) -> tuple[float, float]:
+def _read_span(text: str) -> tuple[float, float]:
     low, _, high = text.partition(":")
     return float(low), float(high)
 
 
-def _column(text: str) -> tuple[str, str]:
+def _read_column(text: str) -> tuple[str, str]:
     name, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
     if not name:
         raise ValueError("a column has no name")
@@ -184,13 +184,13 @@ def _column(text: str) -> tuple[str, str]:
 
 
 _TEXTS: Mapping[Any, tuple[str, Callable[[str], Any]]] = {
-    Sequence[float]: ("X,Y,...", _numbers),
-    tuple[float, float, float]: ("X,Y,YAW", _numbers),
-    Mapping[str, float]: ("NAME=X,...", _pairs(float)),
-    Mapping[str, tuple[float, float]]: ("NAME=LOW:HIGH,...", _pairs(_span)),
-    Mapping[str, tuple[str, str]]: ("NAME=COLUMN[:UNIT],...", _pairs(_column)),
-    Mapping[str, str]: ("ROLE=TOPIC,...", _pairs(str)),
-    LogLimits: ("NAME=X,...", lambda text: USUAL.changed(_pairs(float)(text))),
+    Sequence[float]: ("X,Y,...", _read_numbers),
+    tuple[float, float, float]: ("X,Y,YAW", _read_numbers),
+    Mapping[str, float]: ("NAME=X,...", _pairs_reader(float)),
+    Mapping[str, tuple[float, float]]: ("NAME=LOW:HIGH,...", _pairs_reader(_read_span)),
+    Mapping[str, tuple[str, str]]: ("NAME=COLUMN[:UNIT],...", _pairs_reader(_read_column)),
+    Mapping[str, str]: ("ROLE=TOPIC,...", _pairs_reader(str)),
+    LogLimits: ("NAME=X,...", lambda text: USUAL.changed(_pairs_reader(float)(text))),
     Terrain: ("GROUND", parse_terrain),
 }
 """Form of the text of each type, and the function that reads it."""
@@ -207,13 +207,17 @@ def _choices_of(kind: Any) -> tuple[Any, ...]:
 
 def _form_of(kind: Any) -> tuple[str, Callable[[str], Any]] | None:
     """Return the form of the text of a type, and the function that reads it; None without one."""
-    members = _members(kind)
+    members = _union_members(kind)
     for member in members:
         if member in _TEXTS:
             return _TEXTS[member]
         # where a text may stay one, it names a single thing
-        if str not in members and _is_list(member) and str in _members(*typing.get_args(member)):
-            return "A,B,...", _parts
+        if (
+            str not in members
+            and _is_list(member)
+            and str in _union_members(*typing.get_args(member))
+        ):
+            return "A,B,...", _split_names
     return None
 
 
@@ -235,10 +239,10 @@ REGISTRY = ConstructorRegistry()
 
 
 @REGISTRY.primitive_rule
-def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+def _text_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     """Read a type of `_TEXTS`; an object that Python may give has its name on the command line."""
     kind: Any = info.type
-    members = _members(kind)
+    members = _union_members(kind)
     form = _form_of(kind)
     metavar = "NAME|PATH" if Path in members else "NAME"
     if kind == AnyPath:
@@ -253,7 +257,7 @@ def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     return PrimitiveConstructorSpec(
         nargs="*" if many else 1,
         metavar=metavar,
-        instance_from_str=lambda texts: tuple(texts) if many else _admitted(texts[0], kind),
+        instance_from_str=lambda texts: tuple(texts) if many else _admit_value(texts[0], kind),
         is_instance=lambda value: True,
         str_from_instance=lambda value: [text_of(value)],
     )

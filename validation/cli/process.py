@@ -30,7 +30,7 @@ from ssmr.errors import SsmrError
 from validation import output
 from validation.cli.config import options_from
 from validation.cli.options import REGISTRY, Options
-from validation.output import abridged, each_line, one_line, shortened
+from validation.output import abridge_text, each_line, one_line, shorten_text
 
 _EXIT_FAILED_RUN = 1
 """The work was begun, and cannot be ended."""
@@ -53,19 +53,19 @@ _STYLE = (
 )
 
 
-def run(command: Any, program: str, arguments: Sequence[str] | None = None) -> None:
+def run_command(command: Any, program: str, arguments: Sequence[str] | None = None) -> None:
     """Parse a command line, make the call, and leave with the exit status that says how it went.
 
     Args:
-        command: what `parse` takes.
+        command: what `parse_command` takes.
         program: how usage texts call the program, such as `python -m validation.compare`.
         arguments: the command line; by default that of this process.
     """
-    _prepare()
+    _prepare_process()
     message = ""
     status = _EXIT_FAILED_RUN
     try:
-        parse(command, program, arguments)()
+        parse_command(command, program, arguments)()
         sys.stdout.flush()
         return
     except SsmrError as error:
@@ -88,7 +88,7 @@ def run(command: Any, program: str, arguments: Sequence[str] | None = None) -> N
             message = f"error: {one_line(error)}"
             status = EXIT_USER_ERROR
         elif isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-            message = f"error: a path is too long: {shortened(error.filename, 40)}"
+            message = f"error: a path is too long: {shorten_text(error.filename, 40)}"
             status = EXIT_USER_ERROR
         elif isinstance(error, OSError):
             where = f" ({error.filename})" if error.filename else ""
@@ -96,15 +96,17 @@ def run(command: Any, program: str, arguments: Sequence[str] | None = None) -> N
             message = f"run failed: {reason}{where}; what was written before is whole"
         else:
             traceback.print_exc()
-            versions = ", ".join(f"{name} {at}" for name, at in output.versions().items())
+            versions = ", ".join(f"{name} {at}" for name, at in output.list_versions().items())
             message = f"{program} has a fault; please send its makers the lines above ({versions})"
             status = EXIT_FAULT
     if message:
-        say(message)
+        say_line(message)
     sys.exit(status)
 
 
-def parse(command: Any, program: str, arguments: Sequence[str] | None = None) -> Callable[[], Any]:
+def parse_command(
+    command: Any, program: str, arguments: Sequence[str] | None = None
+) -> Callable[[], Any]:
     """Return the call that a command line asks for; nothing is called yet.
 
     Args:
@@ -127,10 +129,10 @@ def parse(command: Any, program: str, arguments: Sequence[str] | None = None) ->
 def read_as(command: Any, given: Sequence[str] = ()) -> Any:
     """Return the type that tyro reads a command line as; its value is the call.
 
-    `command` is what `parse` takes, `given` its command line, which may name a run to repeat.
+    `command` is what `parse_command` takes, `given` its command line, which may name a run to repeat.
     """
     if not isinstance(command, Mapping):
-        return _deferred(command, given)
+        return _defer_call(command, given)
     choices = []
     for name, each in command.items():
         its = given[1:] if name in given[:1] else ()
@@ -142,7 +144,7 @@ def read_as(command: Any, given: Sequence[str] = ()) -> Any:
     return typing.Union[tuple(choices)]  # noqa: UP007
 
 
-def _deferred(command: Any, given: Sequence[str]) -> Callable[..., Any]:
+def _defer_call(command: Any, given: Sequence[str]) -> Callable[..., Any]:
     """Return a function of the same options that returns the call itself.
 
     Options of the file that --config names are its defaults.
@@ -161,10 +163,10 @@ def _deferred(command: Any, given: Sequence[str]) -> Callable[..., Any]:
     return call
 
 
-def say(text: str) -> None:
+def say_line(text: str) -> None:
     """Print one line on standard error; nothing happens where nobody listens any more."""
     with contextlib.suppress(OSError, ValueError):
-        print(abridged(text, _LONGEST_LINE), file=sys.stderr, flush=True)
+        print(abridge_text(text, _LONGEST_LINE), file=sys.stderr, flush=True)
 
 
 class _Lines(logging.Handler):
@@ -173,10 +175,10 @@ class _Lines(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Print a record."""
         level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
-        say(f"{level}{each_line(record.getMessage())}")
+        say_line(f"{level}{each_line(record.getMessage())}")
 
 
-def _prepare() -> None:
+def _prepare_process() -> None:
     """Prepare streams, messages and signals of this process.
 
     Standard streams take every text, messages are lines, and SIGTERM and SIGHUP end work as Ctrl-C

@@ -24,9 +24,9 @@ from ssmr.parameters import MOST_SEED, require_within
 from validation import output
 from validation.cli.config import config_of, options_in, read_result
 from validation.cli.options import AnyPath, Options, kinds_of, meanings_of, words_of
-from validation.cli.process import run, say
+from validation.cli.process import run_command, say_line
 from validation.files.reading import opened
-from validation.output import one_line, visible
+from validation.output import make_visible, one_line
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import print_tables
 from validation.workers import require_address
@@ -63,7 +63,7 @@ class Common(Options):
     """Replace files that are there already."""
     config: AnyPath = None
     """JSON file of a run of this program: its options hold where no others are given."""
-    progress: tyro.conf.Suppress[output.Progressing] = output.silent
+    progress: tyro.conf.Suppress[output.Progressing] = output.ignore_progress
     """Called as the work goes on."""
 
     def __post_init__(self) -> None:
@@ -162,9 +162,9 @@ class Program(Generic[P, R]):
             folder = Path(options.out or options.folder())
             require_writable(folder)
             require_apart(options, folder, options.writes())
-            with shown(self.__name__) as show:
+            with progress_bar(self.__name__) as show:
                 report = self.run(replace(options, progress=show, out=folder))
-            finish(report, options, output.make_folder(folder))
+            finish_program(report, options, output.make_folder(folder))
 
         main.__doc__ = inspect.getdoc(self.function)
         main.__name__ = self.__name__
@@ -173,10 +173,10 @@ class Program(Generic[P, R]):
 
     def main(self) -> None:
         """Run the program with the command line of this process, and leave with an exit status."""
-        run(self, f"python -m validation.{self.__name__}")
+        run_command(self, f"python -m validation.{self.__name__}")
 
 
-def program(options: Callable[P, Opts]) -> Callable[[Callable[[Opts], R]], Program[P, R]]:
+def make_program(options: Callable[P, Opts]) -> Callable[[Callable[[Opts], R]], Program[P, R]]:
     """Return the decorator that makes a function of these options a program."""
     return lambda function: Program(options, function)
 
@@ -192,7 +192,7 @@ def _require_shown(options: Filmed) -> None:
         )
 
 
-def finish(report: Report, options: Common, folder: Path) -> None:
+def finish_program(report: Report, options: Common, folder: Path) -> None:
     """Save and print a report, show its recording, and raise its failure."""
     film = options if isinstance(options, Filmed) else None
     # tables first: pictures take longer than many a run
@@ -266,7 +266,7 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
 
 
 @contextlib.contextmanager
-def shown(title: str) -> Iterator[output.Progressing]:
+def progress_bar(title: str) -> Iterator[output.Progressing]:
     """Within, a progress bar on standard error; yield the callback that moves it.
 
     Where standard error is no terminal, a line every few seconds says the same.
@@ -300,7 +300,7 @@ def shown(title: str) -> Iterator[output.Progressing]:
             bar.update(task, completed=now.done, total=now.total, description=escape(text))
             if bar.disable and time.monotonic() - last > _LOG_EVERY_S:
                 last = time.monotonic()
-                say(f"{text}, {now.done:.0f} of {now.total:.0f}")
+                say_line(f"{text}, {now.done:.0f} of {now.total:.0f}")
 
         yield show
 
@@ -331,10 +331,10 @@ def report_result(report: Report, written: Iterable[Path] = ()) -> None:
 
 
 def _report_written(written: Iterable[Path]) -> None:
-    if files := ", ".join(map(visible, written)):
+    if files := ", ".join(map(make_visible, written)):
         report_console().print(Text(f"written: {files}"), soft_wrap=True)
 
 
-def warn(text: str) -> None:
+def warn_user(text: str) -> None:
     """Print one line on standard error."""
-    say(f"warning: {text}")
+    say_line(f"warning: {text}")

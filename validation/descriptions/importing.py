@@ -118,7 +118,7 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
         document = _document(name, description, {**entries, "drive.torque_limit": (torque, source)})
         robot = parse_robot(document)
     heading = "".join(f"# {line}\n" for line in textwrap.wrap(_HEADING, 120))
-    text = tomli_w.dumps(output.encodable(document))
+    text = tomli_w.dumps(output.make_encodable(document))
     return RobotDraft(robot, heading + text, remarks)
 
 

@@ -148,7 +148,7 @@ def dump_gains(gains: GainSet) -> str:
     document["gains"] = dict(gains.values)
     if gains.provenance:
         document["provenance"] = dict(gains.provenance)
-    return tomli_w.dumps(output.encodable(document))
+    return tomli_w.dumps(output.make_encodable(document))
 
 
 def _gains_of(controller: str) -> tuple[str, ...]:

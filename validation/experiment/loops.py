@@ -27,7 +27,7 @@ from validation.engines.plant import EnginePlant
 from validation.experiment.gains import GainSet, load_gains
 from validation.experiment.user_law import is_user_law, load_user_law
 from validation.experiment.waypoint_files import REFERENCES, open_reference, split_speed
-from validation.output import shortened
+from validation.output import shorten_text
 from validation.plants.profile import Profile, make_plant
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
@@ -127,13 +127,13 @@ def controller_and_reference(controller: Any, reference: Any, own: str | None) -
     Raises:
         ValueError: one of the two is missing, or there are two controllers.
     """
-    first = shortened(controller, 40)
+    first = shorten_text(controller, 40)
     if own is None and reference is None:
         raise ValueError(f"'{first}' stands alone; wanted a controller and a reference")
     if own is None:
         return controller, reference
     if reference is not None:
-        second = shortened(own, 60)
+        second = shorten_text(own, 60)
         raise ValueError(f"there are two controllers, '{first}' and --controller {second}")
     return own, controller
 

@@ -15,7 +15,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.robot.sensors import yaw_disturbance
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation.experiment.sources import Piece, Source
-from validation.output import Document, Progress, Progressing, silent
+from validation.output import Document, Progress, Progressing, ignore_progress
 from validation.simulator.description import WHEELS
 from validation.simulator.health import Health, run_health
 from validation.simulator.plant import MujocoPlant
@@ -99,7 +99,7 @@ def drive_all(
     localisers: Mapping[str, Localiser],
     push_seed: int | None = None,
     workers: int | None = None,
-    progress: Progressing = silent,
+    progress: Progressing = ignore_progress,
 ) -> dict[str, Run]:
     """Drive plants side by side along a source, each over the pieces one after another.
 

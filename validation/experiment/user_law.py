@@ -30,7 +30,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from validation.files.reading import read_text
-from validation.output import one_line, shortened
+from validation.output import one_line, shorten_text
 from validation.plants.table import add_model
 
 
@@ -75,7 +75,7 @@ def _make_guarded(name: str, path: Path, kind: Callable[[Mission], Any], mission
         except (TypeError, ValueError):
             v = w = math.nan
         if not (math.isfinite(v) and math.isfinite(w)):
-            returned = f"command returned {shortened(one_line(repr(answer)), 60)}"
+            returned = f"command returned {shorten_text(one_line(repr(answer)), 60)}"
             need = "wanted speed [m/s] and yaw rate [rad/s], two finite numbers"
             place = _place_of(method, path)
             raise ControllerError(f"{place}: {returned} at t = {now.t:.2f} s; {need}")
@@ -112,14 +112,14 @@ def _describe_fault(path: Path, error: BaseException) -> str:
     plain = re.sub(r"\x1b\[[0-9;]*m", "", what)
     match = re.search(rf'([^\n]+)\n\s*File "[^"]*{re.escape(path.name)}", line (\d+)', plain)
     if match:
-        return f"{path}:{match[2]}: {shortened(match[1].strip(), 160)}"
+        return f"{path}:{match[2]}: {shorten_text(match[1].strip(), 160)}"
     if isinstance(error, SyntaxError) and error.filename == str(path):
         line = error.lineno or 1
         what = error.msg
     words = type(error).__name__
     if what:
         words += f": {what}"
-    return f"{path}:{line}: {shortened(words, 160)}"
+    return f"{path}:{line}: {shorten_text(words, 160)}"
 
 
 def _load_user_object(name: str) -> tuple[Any, Path]:
@@ -173,7 +173,7 @@ def _load_object(given: Any) -> tuple[Any, Path]:
 
 
 def _show_value(value: object) -> str:
-    return shortened(one_line(repr(value)), 40)
+    return shorten_text(one_line(repr(value)), 40)
 
 
 def load_user_law(given: str | type) -> tuple[str, Callable[[Mission], Any]]:

@@ -23,7 +23,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from validation.output import shortened
+from validation.output import shorten_text
 
 _CALL = """
 import json, sys
@@ -96,7 +96,7 @@ def serve(module: str, name: str, arguments: Sequence[Any], allowance: Sequence[
     try:
         answer, parts = function(*arguments)
     except Exception as error:  # noqa: BLE001 - readers of foreign formats promise nothing narrower
-        fault = shortened(error, _LONGEST) or type(error).__name__
+        fault = shorten_text(error, _LONGEST) or type(error).__name__
         answer = None
         parts = ()
     head = json.dumps([fault, answer, [len(part) for part in parts]])

@@ -22,7 +22,7 @@ from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
 from validation.identify.search import SETTINGS, Search, Searching, search_for
 from validation.identify.uncertainty import VAGUE, estimate_uncertainty, prior_deviations
-from validation.output import silent
+from validation.output import ignore_progress
 from validation.plants.kind import PlantProfile
 from validation.plants.searchable import make_space, with_values
 from validation.plants.table import SIMULATED
@@ -87,7 +87,7 @@ def begin_at(
     robot = first.robot
     space = make_space(FIRST_FITTED, names, {}, robot)
     problem = FitProblem(FIRST_FITTED, first, space, body.sources, body.cost, body.held)
-    alone = replace(o, out=None, resume=False, progress=silent)
+    alone = replace(o, out=None, resume=False, progress=ignore_progress)
     search = search_for(problem, SETTINGS["hybrid", False], alone, problem.begun[None], STARTS)
     if search.interrupted:
         raise KeyboardInterrupt

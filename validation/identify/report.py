@@ -18,7 +18,7 @@ from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.search import Search
 from validation.identify.uncertainty import Uncertainty
-from validation.output import Document, one_line, shortened
+from validation.output import Document, one_line, shorten_text
 from validation.report import drawing
 from validation.report.drawing import ALARM, Ink, PanelRow
 from validation.report.report import FINISHED, INTERRUPTED, Report
@@ -250,7 +250,7 @@ def search_figure(
     if len(report.course.jde.history) > 1:
         first = PanelRow(height, [partial(_draw_course, report, ink), strips], (0.36, 0.64))
     foot = f"{report.effort} · seed {report.seed}"
-    title = shortened(report.title, 110)
+    title = shorten_text(report.title, 110)
     return drawing.draw_page(title, [first, *rows], notes=report.notes(), foot=foot)
 
 

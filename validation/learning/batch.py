@@ -28,7 +28,7 @@ from ssmr.robot.drive import (
 )
 from ssmr.types import FloatArray
 from validation.learning.episodes import AHEAD_TICKS, ERRORS, EpisodeSource, TrackTask
-from validation.output import shortened
+from validation.output import shorten_text
 from validation.simulator.bodies import MujocoBodies
 from validation.simulator.parts import mujoco_failures
 
@@ -278,7 +278,7 @@ class TrackBatch:
         if numbers.shape != (len(self), 2) or not np.all(np.isfinite(numbers)):
             shape = "action must be (2,)" if len(self) == 1 else f"actions must be ({len(self)}, 2)"
             raise ValueError(
-                f"{shape} finite numbers, v [m/s] and omega [rad/s]; got {shortened(actions, 60)}"
+                f"{shape} finite numbers, v [m/s] and omega [rad/s]; got {shorten_text(actions, 60)}"
             )
         return np.clip(numbers, -self.source.top, self.source.top)
 

@@ -179,7 +179,7 @@ class Profile:
     def as_dict(self, plants: Iterable[str] | None = None) -> Document:
         """Return all numbers, or those of some plants, for a result to record."""
         names = self.plants if plants is None else plants
-        return {name: output.plain(self.section(name).numbers()) for name in names}
+        return {name: output.plain_value(self.section(name).numbers()) for name in names}
 
     def save(self, path: str | Path) -> Path:
         """Write a TOML file without the numbers that the robot has anyway; return its path.
@@ -209,7 +209,7 @@ class Profile:
         if self.fitted_at is not None:
             document["fitted_at"] = _round_numbers(self.fitted_at, 3)
         document["provenance"] = dict(self.provenance)
-        text = tomli_w.dumps(output.encodable(document))
+        text = tomli_w.dumps(output.make_encodable(document))
         path = Path(path)
         output.make_folder(path.parent)
         output.write_text(path, text)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
-from validation.output import Document, Progressing, markdown
+from validation.output import Document, Progressing, markdown_text
 from validation.replicate.verdicts import JudgedRow, Rows, judged_rows
 from validation.report.columns import Unit, ending_of
 from validation.report.drawing import PanelRow
@@ -123,8 +123,8 @@ class Chapter(NamedTuple):
         """Return the chapter as lines of markdown."""
         lines = ["", f"## {self.title}", ""]
         for table in self.tables:
-            lines += [f"**{markdown(table.title)}**", "", *markdown_table(table), ""]
-            lines += [f"- {markdown(line)}" for line in table.caption.splitlines()]
+            lines += [f"**{markdown_text(table.title)}**", "", *markdown_table(table), ""]
+            lines += [f"- {markdown_text(line)}" for line in table.caption.splitlines()]
             if table.caption:
                 lines.append("")
         return [*lines, *self.text.splitlines()]

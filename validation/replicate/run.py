@@ -164,7 +164,7 @@ class Replication(Report):
         return draw_page(self.title, [first, *others], foot=self.made_by)
 
 
-@cli.program(Replicate)
+@cli.make_program(Replicate)
 def replicate(o: Replicate) -> Replication:
     """Repeat everything that the thesis reports, with a verdict for each row.
 

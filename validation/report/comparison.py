@@ -17,7 +17,7 @@ from ssmr.geometry import compose_poses, relative_pose, rotate_body_to_world
 from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.scores import HEADLINE_HORIZON
-from validation.output import shortened
+from validation.output import shorten_text
 from validation.report.columns import DEGREES, length_unit
 from validation.report.drawing import (
     KEY,
@@ -87,7 +87,7 @@ class Comparison(Motions):
         about = {name: headline_error(scores) for name, scores in self.scores.items()}
         about[self.reference] = "reference"
         n = len(self.runs)
-        title = shortened(Path(self.source.name).name, 48)
+        title = shorten_text(Path(self.source.name).name, 48)
         return draw_page(
             f"{title}: {n} simulation{'s' * (n > 1)} driven by the same {kind}",
             [*rows, *self._panels()],

@@ -17,7 +17,7 @@ import numpy as np
 
 from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
-from validation.output import abridged, shortened
+from validation.output import abridge_text, shorten_text
 from validation.report.columns import DEGREES, METRES
 from validation.report.palette import BLACK, mix_colours, plant_colour
 from validation.simulator.terrain import FLAT, Terrain
@@ -289,7 +289,7 @@ def draw_page(
             len(heights), 1, height_ratios=heights, squeeze=False
         ).flat
         edge = _EDGE_IN / _WIDTH_IN
-        heading = abridged(title, _LONGEST_TITLE)
+        heading = abridge_text(title, _LONGEST_TITLE)
         head.text(edge, 1.0 - _EDGE_IN / heights[0], heading, va="top", color=ink, **_TITLE)
         if legend:
             head.legend(handles=legend, loc="lower left", ncols=across, **KEY)
@@ -324,5 +324,5 @@ def how_driven(
     """Return a line that says how robots were driven: by which profile, ground and versions."""
     ground = [] if terrain == FLAT else [f"terrain {terrain.spec}"]
     used = [f"{name} {versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in versions]
-    parts = [f"profile {shortened(profile, 32)}", *words, *ground, *used]
-    return shortened(" · ".join(parts), 170)
+    parts = [f"profile {shorten_text(profile, 32)}", *words, *ground, *used]
+    return shorten_text(" · ".join(parts), 170)

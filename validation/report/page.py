@@ -6,7 +6,7 @@ import html
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from validation.output import markdown, one_line
+from validation.output import markdown_text, one_line
 from validation.report.report import Report
 from validation.report.table import Table, draw_section, html_of, image_html
 
@@ -50,10 +50,10 @@ def calibration_page(
         faults: sentences on the log.
     """
     errors, *others = [draw_section(table) for table in tables if table.rows]
-    listed = [f"- {markdown(fault)}" for fault in faults] or ["None was found."]
-    notes = [f"- {markdown(note)}" for note in report.notes()]
+    listed = [f"- {markdown_text(fault)}" for fault in faults] or ["None was found."]
+    notes = [f"- {markdown_text(note)}" for note in report.notes()]
     parts: list[str | Figure] = [
-        "\n".join([f"# {markdown(report.title)}", "", markdown(report.verdict())]),
+        "\n".join([f"# {markdown_text(report.title)}", "", markdown_text(report.verdict())]),
         "## Paths that no fit has seen",
         kept.figure(),
         "\n".join(errors),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from validation import output
-from validation.output import Document, code_span, each_line, markdown, one_line, shortened
+from validation.output import Document, code_span, each_line, markdown_text, one_line, shorten_text
 from validation.report.columns import column_legend
 from validation.report.table import Table, draw_section, html_of, image_html, text_tables
 
@@ -51,7 +51,7 @@ class Report:
     """Options that it was made with, by name, as its text and its picture say them."""
     config: Document = field(default_factory=dict)
     """Program and options of the call, from which `--config` repeats it."""
-    versions: Mapping[str, str] = field(default_factory=output.versions)
+    versions: Mapping[str, str] = field(default_factory=output.list_versions)
     """Versions of this project, Python and the packages that decide numbers."""
     status: str = FINISHED
     """`finished`, or `interrupted`: then it holds only the work before that."""
@@ -120,16 +120,16 @@ class Report:
         That is its options and versions, tables, notes, and the meanings of the columns.
         """
         tables = [table for table in self.tables() if table.rows]
-        lines = [f"# {markdown(self.title)}", ""]
+        lines = [f"# {markdown_text(self.title)}", ""]
         if verdict := self.verdict():
-            lines += [f"**{markdown(verdict)}**", ""]
+            lines += [f"**{markdown_text(verdict)}**", ""]
         for name, values in (("options", self.options), ("versions", self.versions)):
             given = [f"{one_line(k)} {_option_text(v)}" for k, v in values.items() if v is not None]
             lines.append(f"- {name}: {code_span(', '.join(given) or 'none')}")
         for table in tables:
             lines += ["", *draw_section(table)]
         if notes := self.notes():
-            lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)]
+            lines += ["", "## Notes", "", *(f"- {markdown_text(note)}" for note in notes)]
         keys = chain.from_iterable(table.keys for table in tables)
         if meanings := column_legend(dict.fromkeys(keys)):
             lines += ["", "## What the metrics mean", ""]
@@ -174,7 +174,7 @@ class Report:
         try:
             return png_of(self.figure())
         except (ValueError, ArithmeticError, MemoryError) as error:
-            why = shortened(error, _LONGEST)
+            why = shorten_text(error, _LONGEST)
             _log.warning("%s cannot be drawn (%s); the numbers are kept", name, why)
             return None
 
@@ -217,7 +217,7 @@ class Report:
             "config": self.config,
             "versions": self.versions,
         }
-        return dict(output.plain(document))
+        return dict(output.plain_value(document))
 
     @property
     def made_by(self) -> str:

@@ -19,7 +19,7 @@ from rich.measure import Measurement
 from rich.text import Text
 
 from ssmr.metrics.declared import Metric
-from validation.output import each_line, markdown, one_line
+from validation.output import each_line, markdown_text, one_line
 from validation.report.columns import DECLARED, NOTHING, Unit, heading_of, is_length, unit_of
 
 Row = Mapping[str, Any]
@@ -266,8 +266,8 @@ def markdown_table(table: Table) -> list[str]:
 
 def draw_section(table: Table) -> list[str]:
     """Draw a table below its title and above its caption, as lines of markdown."""
-    lines = [f"## {markdown(table.title)}", "", *markdown_table(table)]
-    return [*lines, "", markdown(table.caption)] if table.caption else lines
+    lines = [f"## {markdown_text(table.title)}", "", *markdown_table(table)]
+    return [*lines, "", markdown_text(table.caption)] if table.caption else lines
 
 
 def html_of(text: str) -> str:

@@ -26,7 +26,7 @@ from validation.experiment.tracked import (
     Followed,
     lost_text,
 )
-from validation.output import Document, one_line, shortened
+from validation.output import Document, one_line, shorten_text
 from validation.report.columns import DEGREES, REAL_TIME, Unit, declare, length_unit
 from validation.report.drawing import (
     ALARM,
@@ -255,10 +255,10 @@ class Tracked(DrivenRobots):
             tall = float(np.clip(12.0 * height / width + 0.75, 1.5, 2.25))
             rows = [PanelRow(tall, [paths]), PanelRow(2.0, speeds)]
         return draw_page(
-            shortened(heading, 100),
+            shorten_text(heading, 100),
             [*rows, PanelRow(2.0, errors)],
             legend=self.legend(about),
-            notes=[*notes, f"gains {shortened(self.gains_name, 40)}: {gains}"],
+            notes=[*notes, f"gains {shorten_text(self.gains_name, 40)}: {gains}"],
             foot=how_driven(self.profile_label, self.terrain, words, self.versions),
             ink=ALARM if lost else "0.0",
         )

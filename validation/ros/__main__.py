@@ -79,4 +79,4 @@ for _command, _node in ((_sim, sim), (_control, control)):
 PROGRAM: Mapping[str, Callable[[Any], None]] = {"sim": _sim, "control": _control}
 
 if __name__ == "__main__":
-    cli.run(PROGRAM, "python -m validation.ros")
+    cli.run_command(PROGRAM, "python -m validation.ros")

@@ -27,7 +27,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from validation import cli
-from validation.output import shortened
+from validation.output import shorten_text
 from validation.ros.messages import Fields
 
 _logger = logging.getLogger(__name__)
@@ -88,7 +88,7 @@ class Graph(cli.Options):
             number = str(self.domain)
         if not number.isdecimal() or not number.isascii() or int(number[:9]) > _MOST_DOMAIN:
             raise ValueError(
-                f"the domain (--domain, ROS_DOMAIN_ID) is {shortened(number, 20)}, "
+                f"the domain (--domain, ROS_DOMAIN_ID) is {shorten_text(number, 20)}, "
                 f"must be 0 to {_MOST_DOMAIN}"
             )
         if not _NAME.fullmatch(self.namespace):
@@ -232,7 +232,7 @@ class Node:
         now = self._clock()
         if now - self._logged_at.get(kind, -math.inf) >= _LOG_PERIOD:
             self._logged_at[kind] = now
-            _logger.log(level, "%s", shortened(text, _LONGEST))
+            _logger.log(level, "%s", shorten_text(text, _LONGEST))
 
     def _qos(self, kind: str, depth: int, *, reliable: bool, latch: bool = False) -> Any:
         policy = self._dds.qos.Policy

@@ -15,7 +15,7 @@ import numpy as np
 from ssmr.geometry import rotate_world_to_body
 from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
-from validation.output import shortened
+from validation.output import shorten_text
 
 _USAGE = "flat, ramp:slope_deg=NUMBER,toward_deg=0"
 """The forms in which terrains are written."""
@@ -94,4 +94,6 @@ def parse_terrain(text: str) -> Terrain:
         slope, toward = (math.radians(float(degrees or 0.0)) for degrees in ramp.groups())
         return Terrain(slope, toward)
     except ValueError as error:
-        raise ValueError(f"terrain '{shortened(text, 60)}' is not understood: {error}") from error
+        raise ValueError(
+            f"terrain '{shorten_text(text, 60)}' is not understood: {error}"
+        ) from error

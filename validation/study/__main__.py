@@ -29,4 +29,4 @@ def study_named(name: str) -> cli.Program[..., Any]:
 PROGRAM = {name: study_named(name) for name in STUDIES}
 
 if __name__ == "__main__":
-    cli.run(PROGRAM, "python -m validation.study")
+    cli.run_command(PROGRAM, "python -m validation.study")

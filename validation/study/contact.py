@@ -339,7 +339,7 @@ for _measures in CONTACT_MEASURES.values():
     _UNITS |= {key: MILLIMETRES for key in _measures if key.endswith("_m")}
 
 
-@cli.program(ContactStudy)
+@cli.make_program(ContactStudy)
 def study_contact(o: ContactStudy) -> Study:
     """Measure what physics settings of MuJoCo, and other engines, do to the simulated robot.
 

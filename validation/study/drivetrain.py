@@ -162,7 +162,7 @@ def _judging_logs(
     return alike, driven
 
 
-@cli.program(DriveTrainStudy)
+@cli.make_program(DriveTrainStudy)
 def study_drivetrain(o: DriveTrainStudy) -> Study:
     """Estimate a robot's driver, friction, losses and inertia from its logs.
 

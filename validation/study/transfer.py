@@ -38,7 +38,7 @@ from validation.experiment.loops import (
 from validation.experiment.tracked import track_metrics
 from validation.experiment.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TARGET_SHARE, TuneCost, costs_of
-from validation.output import Document, shortened
+from validation.output import Document, shorten_text
 from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing
 from validation.report.table import Row, Table
@@ -388,7 +388,7 @@ def _make_tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     ]
 
 
-@cli.program(TransferStudy)
+@cli.make_program(TransferStudy)
 def study_transfer(o: TransferStudy) -> Study:
     """Let every controller follow every reference on every plant, and compare the choices.
 
@@ -404,7 +404,7 @@ def study_transfer(o: TransferStudy) -> Study:
     laws = [law for law, _ in contenders.values()]
     options = o
     if isinstance(o.workers, str):
-        options = replace(o, workers=1, progress=output.silent)
+        options = replace(o, workers=1, progress=output.ignore_progress)
 
     def follow(mission: tuple[str, Waypoints]) -> Row:
         name, waypoints = mission
@@ -460,7 +460,7 @@ def _draw_panels(label: str, result: Mapping[str, Any]) -> list[drawing.PanelRow
         )
         ax.set_title(f"{label}: the best on {JUDGE} at the top")
         ax.set_ylim(len(order) - 0.4, -0.6)
-        ax.set_yticks(range(len(order)), [shortened(name, 30) for name in order], fontsize=9.0)
+        ax.set_yticks(range(len(order)), [shorten_text(name, 30) for name in order], fontsize=9.0)
         drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
         ax.legend(fontsize=8.0)
 

@@ -59,7 +59,7 @@ def cyclone() -> Any:
 @pytest.fixture
 def graph(cyclone: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
     """An empty domain on loopback, which no other test takes while a port is bound here."""
-    monkeypatch.setenv("CYCLONEDDS_URI", dds.configuration(""))
+    monkeypatch.setenv("CYCLONEDDS_URI", dds.cyclone_configuration(""))
     for domain in range(1, 101):  # the ports of greater ones are those that the system hands out
         # DDSI-RTPS 9.6.2: + 10 for the first participant, + 248 for the 120th, which none is
         port = 7400 + 250 * domain

@@ -129,7 +129,7 @@ class Calibrate(cli.Common, ReadOptions):
 _DRIVEN = {"wheels": "measured wheel rates", "commands": "commands"}
 
 
-def _label(f: Fitted) -> str:
+def _fit_label(f: Fitted) -> str:
     """Return a fit's name in tables and sentences."""
     return f"{f.model} driven by {_DRIVEN[f.options['input']]}"
 
@@ -147,7 +147,7 @@ def _as_dict(f: Fitted) -> dict[str, Any]:
     return document
 
 
-def _verdict(f: Fitted) -> str:
+def _verdict_sentence(f: Fitted) -> str:
     """Return a sentence on the errors before and after a fit, and on the numbers that are kept."""
     errors = []
     for scored in f.judged.values():
@@ -159,12 +159,12 @@ def _verdict(f: Fitted) -> str:
     if not f.better:
         kept = f"keeps the old numbers: {f.worse[0].rstrip('.')}"
     return (
-        f"{_label(f)}: {errors[1]} off after {horizon:g} s of new data, {errors[0]} before. "
+        f"{_fit_label(f)}: {errors[1]} off after {horizon:g} s of new data, {errors[0]} before. "
         f"profile.toml {kept}."
     )
 
 
-def _correlations(f: Fitted) -> Table:
+def _correlation_table(f: Fitted) -> Table:
     """Return the correlations of the errors of a fit's numbers."""
     names = [p.name for p in f.parameters]
     rows = []
@@ -172,7 +172,7 @@ def _correlations(f: Fitted) -> Table:
         rows.append({"error of": name, **dict(zip(names, map(float, row), strict=True))})
     units = {name: Unit("1", 1.0, 2) for name in names}
     headings = {name: name for name in names}
-    return Table(f"{_label(f)}, correlations", rows, units=units, headings=headings)
+    return Table(f"{_fit_label(f)}, correlations", rows, units=units, headings=headings)
 
 
 def _turns_worse(now: OverlappingErrors, was: OverlappingErrors) -> bool:
@@ -209,14 +209,14 @@ def _turning_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
             size = f"{now.yaw_median_rad:.3f} rad for {was.yaw_median_rad:.3f}"
             share = _turn_share(kept, f.model)
             notes.append(
-                f"{_label(f)}: headings are worse than those of {FIRST_FITTED} by more than chance,"
+                f"{_fit_label(f)}: headings are worse than those of {FIRST_FITTED} by more than chance,"
                 f" {size}. By {kept.options['input']} it turns {1.0 + share:.3f} times as much as "
                 "the robot there."
             )
     return notes
 
 
-def _objections(f: Fitted, way: float) -> list[str]:
+def _list_objections(f: Fitted, way: float) -> list[str]:
     """Return why the numbers of a fit are not to be used; `way` is that of the robot in 6 s [m]."""
     before, after = f.judged.values()
     assert after.headline is not None
@@ -238,7 +238,7 @@ def _objections(f: Fitted, way: float) -> list[str]:
     return objections
 
 
-def _wider(f: Fitted) -> dict[str, tuple[float, float]]:
+def _widen_bounds(f: Fitted) -> dict[str, tuple[float, float]]:
     """Return wider bounds of sizes and delays that ended at one, as far as physics allows."""
     bounds = {}
     for p, declared in zip(f.parameters, f.problem.space.parameters, strict=True):
@@ -323,7 +323,7 @@ class Calibrated(Report):
         errors = []
         values = []
         for f in self.fits:
-            label = _label(f)
+            label = _fit_label(f)
             values.append(replace(f.values("parameter", "before"), title=f"{label}, fitted"))
             for when, scored in f.judged.items():
                 errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
@@ -335,13 +335,13 @@ class Calibrated(Report):
         """Return everything that its user wants to know as one HTML page, the verdict first."""
         tables = self.tables()
         for k, f in enumerate(self.fits):
-            tables.insert(2 * k + 2, _correlations(f))
+            tables.insert(2 * k + 2, _correlation_table(f))
         return calibration_page(self, self.kept, tables, [fault.sentence for fault in self.faults])
 
     def verdict(self) -> str:
         """Return which fits are better on data that they have not seen."""
-        better = ", ".join(_label(f) for f in self.fits if f.better)
-        worse = ", ".join(_label(f) for f in self.fits if not f.better)
+        better = ", ".join(_fit_label(f) for f in self.fits if f.better)
+        worse = ", ".join(_fit_label(f) for f in self.fits if not f.better)
         words = [
             f"profile.toml has new numbers of {better}: better on data that no fit has seen."
         ] * bool(better)
@@ -350,9 +350,13 @@ class Calibrated(Report):
 
     def notes(self) -> list[str]:
         """Return a verdict on each fit, the remarks, and the fits' notes."""
-        notes = [*map(_verdict, self.fits), *_turning_notes(self.fits, self.kept), *self.remarks]
+        notes = [
+            *map(_verdict_sentence, self.fits),
+            *_turning_notes(self.fits, self.kept),
+            *self.remarks,
+        ]
         # the first note of a fit that is no better says so, and the verdict does too
-        notes += said_once({_label(f): f.notes()[not f.better :] for f in self.fits})
+        notes += said_once({_fit_label(f): f.notes()[not f.better :] for f in self.fits})
         return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
 
     def document(self) -> dict[str, Any]:
@@ -380,11 +384,11 @@ class Calibrated(Report):
             ink = drawing.ink_of(s.model)
             inks = {"before": drawing.pale_ink(ink), "after": ink}
             for when, scored in s.judged.items():
-                name = f"{_label(s)}, {when}"
+                name = f"{_fit_label(s)}, {when}"
                 marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.overlapping))
         legend = [drawing.key_line(m.name, color=m.ink, marker=m.marker) for m in marks]
         panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
-        verdicts = list(map(_verdict, self.fits))
+        verdicts = list(map(_verdict_sentence, self.fits))
         row = drawing.PanelRow(3.6, panels)
         return drawing.draw_page(self.title, [row], legend=legend, notes=verdicts)
 
@@ -417,7 +421,7 @@ def calibrate(o: Calibrate) -> Calibrated:
     faults: list[LogFault] = []
     inputs: list[Input] = ["wheels", "commands"]
     for inspected in opened.values():
-        own, own_notes = _inputs(o, inspected)
+        own, own_notes = _find_inputs(o, inspected)
         inputs = [each for each in inputs if each in own]
         found = inspected.faults.named
         faults += found
@@ -434,7 +438,7 @@ def calibrate(o: Calibrate) -> Calibrated:
             cli.warn_user(warning)
         notes += unknown
     judging = [each.common for each in (held or opened).values()]
-    fits = _fits(o, profile, sources, _usual_way(judging))
+    fits = _fit_all(o, profile, sources, _usual_way(judging))
     unseen = sources[inputs[0]][1][0]
     kept = compare(
         replace(unseen, name=split_ground(unseen.name)[0]),
@@ -477,7 +481,7 @@ def _divided(
     return train, tuple(judges)
 
 
-def _fits(
+def _fit_all(
     o: Calibrate, profile: Profile, sources: Mapping[Input, _Divided], way: float
 ) -> list[Fitted]:
     """Return the fits, each begun with the profile of the one before.
@@ -525,13 +529,13 @@ def _fits(
             raise ValueError(
                 f"{', '.join(o.names)}: nothing is left to judge on; name a log with --held-out"
             )
-        if wider := _wider(done):
+        if wider := _widen_bounds(done):
             options = replace(options, bounds={**cli.read_value(options.bounds), **wider})
             done = run_fit(options, lambda warning: None)
             names = ", ".join(wider)
             moved = f"{names} hit a bound, which was moved once, and the fit repeated"
             done = replace(done, remarks=[*done.remarks, moved])
-        if objections := _objections(done, way):
+        if objections := _list_objections(done, way):
             done = replace(done, objections=[f"{'; '.join(objections)}."])
         fits.append(done)
         profile = done.profile
@@ -559,7 +563,7 @@ def _of_logs(f: Fitted) -> dict[str, float]:
     return numbers
 
 
-def _inputs(o: Calibrate, inspected: Inspected) -> tuple[list[Input], list[str]]:
+def _find_inputs(o: Calibrate, inspected: Inspected) -> tuple[list[Input], list[str]]:
     """Return the inputs that can drive plants along a log, and a note on one that cannot.
 
     Raises:

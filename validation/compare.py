@@ -133,9 +133,9 @@ def compare(o: Compare) -> Comparison:
             together.
     """
     own = add_user_model(o.own_model)
-    profile, source = _opened(o)
+    profile, source = _open_options(o)
     reference = o.reference or source.reference
-    plants = _made(o, profile, source, own)
+    plants = _make_all_plants(o, profile, source, own)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
     unknown = [] if o.names_robot else unknown_robot_notes(source, profile.robot)
     pace = pace_of(source.truth, profile.robot.wheel_radius)
@@ -147,11 +147,11 @@ def compare(o: Compare) -> Comparison:
     push_seed = o.seed if o.disturbance else None
     runs = drive_all(source, plants, localisers, push_seed, o.workers, o.progress)
     if o.noise:
-        runs = _noisy(runs, reference, o.seed)
+        runs = _add_noise(runs, reference, o.seed)
     recorded = reference == RECORDING
     truth = source.truth if recorded else runs[reference].motions
     gyro = find_gyro_judge(source) if recorded else None
-    adapted = _adapted(o, profile, source, runs)
+    adapted = _drive_adapted(o, profile, source, runs)
     runs |= {name: replace(runs[name], motions=path) for name, (*_, path) in adapted.items()}
     scores = {}
     for name, run in runs.items():
@@ -185,11 +185,11 @@ def compare(o: Compare) -> Comparison:
         seed=o.seed,
         terrain=cli.read_value(o.terrain),
         gyro=gyro,
-        remarks=[*doubts, *unknown, *_unjudged(o, scores, profile)],
+        remarks=[*doubts, *unknown, *_name_unjudged(o, scores, profile)],
     )
 
 
-def _adapted(
+def _drive_adapted(
     o: Compare, profile: Profile, source: Source, runs: Iterable[str]
 ) -> dict[str, Adapted]:
     """Return the predictions of the plants that are calibrated on while they drive."""
@@ -208,7 +208,7 @@ def _adapted(
     return adapted
 
 
-def _opened(o: Compare) -> tuple[Profile, Source]:
+def _open_options(o: Compare) -> tuple[Profile, Source]:
     """Return the profile, and what drives the plants."""
     name = source_name(o.source)
     is_trajectory = name.partition("@")[0] in TRAJECTORIES
@@ -219,7 +219,9 @@ def _opened(o: Compare) -> tuple[Profile, Source]:
     return profile, open_source(o.source, kind, o.since, o.until, o, radius)
 
 
-def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> dict[str, Plant]:
+def _make_all_plants(
+    o: Compare, profile: Profile, source: Source, own: Sequence[str]
+) -> dict[str, Plant]:
     """Return the plants that are driven, the reference and the user's own models among them."""
     plants = PLANTS if o.plants == ("all",) else o.plants
     names = known_plants()
@@ -237,7 +239,7 @@ def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> d
     return {name: make_plant(profile, name, terrain) for name in ordered}
 
 
-def _noisy(runs: Mapping[str, Run], reference: str, seed: int) -> dict[str, Run]:
+def _add_noise(runs: Mapping[str, Run], reference: str, seed: int) -> dict[str, Run]:
     """Return the runs as the lab's state filter sees them, but that of the reference."""
     seen = {}
     for rank, (name, run) in enumerate(runs.items()):
@@ -250,7 +252,7 @@ def _noisy(runs: Mapping[str, Run], reference: str, seed: int) -> dict[str, Run]
     return seen
 
 
-def _unjudged(o: Compare, scores: Mapping[str, Scores], profile: Profile) -> list[str]:
+def _name_unjudged(o: Compare, scores: Mapping[str, Scores], profile: Profile) -> list[str]:
     """Return a sentence on the plants whose predictions no log has judged yet."""
     plants = ", ".join(name for name, s in scores.items() if s.band is None)
     if not o.bands or not plants:

@@ -402,7 +402,7 @@ def _occasion_of(o: Fit) -> Occasion:
     return "scenario" if all(map(is_scenario, o.names)) else o.input
 
 
-def _searched(o: Fit, names: Sequence[str], sources: Sequence[Source]) -> list[str]:
+def _searched_names(o: Fit, names: Sequence[str], sources: Sequence[Source]) -> list[str]:
     """Return the names of the numbers that are searched, those of a log for each of several.
 
     Raises:
@@ -436,7 +436,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     span = (o.since, o.until)
     opened = open_sources(o.sources, base, o.held_out, o.input, span, options=o, radius=radius)
     sources, held_out = opened
-    searched = _searched(o, kind.free[occasion] if o.free is None else o.free, sources)
+    searched = _searched_names(o, kind.free[occasion] if o.free is None else o.free, sources)
     space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)
     before = np.array([find_number(o.model, name, begun.robot).read(begun) for name in space.names])
     start = None
@@ -465,7 +465,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     # numbers that the user chooses begin where the profile has them
     begins = kind.torques and occasion != "scenario" and o.guess is None and o.free is None
     if begins:
-        names = _searched(o, plant_kind(FIRST_FITTED).free[occasion], sources)
+        names = _searched_names(o, plant_kind(FIRST_FITTED).free[occasion], sources)
         start = begin_at(problem, base.section(FIRST_FITTED), names, o)
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther
@@ -473,16 +473,16 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     settings = o.settings(JAGGED if jagged else SETTINGS[o.search, simulated])
     search = search_for(problem, settings, o, start, STARTS_OF[o.search])
     if begins and (friction := friction_left_untold(problem, search, o)):
-        return _held(o, friction, space, search.best, opened, warn)
+        return _fit_with_held_friction(o, friction, space, search.best, opened, warn)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
-    report = _report(o, problem, base, search, before, held_out)
+    report = _report_fit(o, problem, base, search, before, held_out)
     for sentence in report.worse:
         warn(sentence)
     return report
 
 
-def _held(
+def _fit_with_held_friction(
     o: Fit,
     friction: Mapping[str, float],
     space: ParameterSpace,
@@ -515,7 +515,7 @@ def _held(
     return report
 
 
-def _report(
+def _report_fit(
     o: Fit,
     problem: FitProblem,
     base: Profile,

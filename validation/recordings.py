@@ -143,22 +143,22 @@ class LogReport(Report):
             for f in self.inspected.faults.named
         ]
         faults = Table("Faults", rows, "These are not what their names say.")
-        return [faults, _contents(self.log), _offset_table(self.inspected.offsets)]
+        return [faults, _contents_table(self.log), _offset_table(self.inspected.offsets)]
 
     def notes(self) -> list[str]:
         """Return remarks on reading, gaps and rest, on faults, and the next step."""
         found = self.inspected
-        notes = [*self.log.remarks, *_sentences(found)]
+        notes = [*self.log.remarks, *_log_sentences(found)]
         notes += [*found.faults.sentences(named=False), *found.lacks]
         notes.append(_next_step(self.asked, found))
-        uses = _uses(found)
+        uses = _name_uses(found)
         if "yes" in uses and found.unsolved:
             uses += "; correct the faults first"
         return [*notes, uses]
 
     def document(self) -> dict[str, Any]:
         """Return the findings as the JSON file has them."""
-        return _document(self.inspected)
+        return _log_document(self.inspected)
 
     def write(self, path: str | Path) -> None:
         """Write the file that it is for, whole or not at all.
@@ -226,7 +226,7 @@ def info(o: Info) -> LogReport:
     return LogReport(title=inspected.log.path.name, asked=o, inspected=inspected)
 
 
-def _document(found: Inspected) -> dict[str, Any]:
+def _log_document(found: Inspected) -> dict[str, Any]:
     """Findings as the JSON file has them."""
     log = found.log
     offsets = found.offsets
@@ -256,7 +256,7 @@ def _document(found: Inspected) -> dict[str, Any]:
         "schema": "ssmr.info/1",
         "source": str(log.path),
         "groups": groups,
-        "chosen": _chosen(log),
+        "chosen": _chosen_signals(log),
         "good_for": found.good_for(),
         "lacks": list(found.lacks),
         "clock": clock,
@@ -282,7 +282,7 @@ _WHAT = {
 }
 
 
-def _chosen(log: Log) -> dict[str, str | None]:
+def _chosen_signals(log: Log) -> dict[str, str | None]:
     """Return the topic or the columns that were taken for each kind of signal; None without one."""
     chosen = dict[str, str | None]()
     for what, names in _WHAT.items():
@@ -352,7 +352,7 @@ def _next_step(o: LogOptions, found: Inspected) -> str:
 _USES = ("wheels", "commands", "gyro")
 
 
-def _uses(found: Inspected) -> str:
+def _name_uses(found: Inspected) -> str:
     """Return the signals for which a log is good enough, and how late the robot follows."""
     good = found.good_for()
     words = {name: f"{name} {'yes' if good[name] else 'no'}" for name in _USES}
@@ -389,20 +389,20 @@ def _without_pose(signals: Signals) -> str:
     )
 
 
-def _contents(log: Log) -> Table:
+def _contents_table(log: Log) -> Table:
     rows = []
     for topic in log.topics:
         columns = "not read" if topic.columns is None else ", ".join(topic.columns)
-        row = {"topic": topic.name, "type": topic.type.rpartition("/")[2], **_sampling(topic.t)}
+        row = {"topic": topic.name, "type": topic.type.rpartition("/")[2], **_sampling_row(topic.t)}
         rows.append({**row, "taken for": topic.role or "–", "columns": columns})
     if not rows:
         for name, group in log.groups.items():
             columns = ", ".join(group.columns)
-            rows.append({"group": name, **_sampling(group.t), "columns": columns})
+            rows.append({"group": name, **_sampling_row(group.t), "columns": columns})
     return Table(log.path.name, rows)
 
 
-def _sampling(t: FloatArray) -> Mapping[str, Any]:
+def _sampling_row(t: FloatArray) -> Mapping[str, Any]:
     if len(t) < 2 or t[-1] <= t[0]:
         return {"samples": len(t), "rate_Hz": math.nan, "from_s": math.nan, "to_s": math.nan}
     period = float(np.median(np.diff(t)))
@@ -432,7 +432,7 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
     return Table("Offsets of time", rows, caption, units=units)
 
 
-def _sentences(found: Inspected) -> list[str]:
+def _log_sentences(found: Inspected) -> list[str]:
     notes = []
     log = found.log
     rest = found.rest
@@ -458,7 +458,7 @@ def _sentences(found: Inspected) -> list[str]:
 # --- the command line ---
 
 
-def _command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
+def _make_command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
     """Return the function behind a subcommand, which writes its file.
 
     A conversion that names none has one in runs/recordings.
@@ -502,7 +502,7 @@ def _require_free(path: Path, report: LogReport) -> None:
         )
 
 
-PROGRAM = {"info": _command(info), "convert": _command(convert)}
+PROGRAM = {"info": _make_command(info), "convert": _make_command(convert)}
 
 if __name__ == "__main__":
     cli.run_command(PROGRAM, "python -m validation.recordings")

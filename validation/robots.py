@@ -85,7 +85,7 @@ def list_robots() -> None:
         "multiplier: yaw rate that the wheels ask for over that of the body, "
         "turning on the spot, by mechanics"
     )
-    _print([Table("Robots that come with the package", rows, caption)])
+    _print_tables([Table("Robots that come with the package", rows, caption)])
 
 
 @dataclass(frozen=True)
@@ -152,11 +152,11 @@ class RobotCheck(Report):
 
     def tables(self) -> list[Table]:
         """Return all numbers with their sources."""
-        return [_numbers(self.robot)]
+        return [_numbers_table(self.robot)]
 
     def notes(self) -> list[str]:
         """Return the verdict, faults and questions."""
-        notes = [_verdict(self.robot, self.findings)]
+        notes = [_check_verdict(self.robot, self.findings)]
         sentences = self.examined.sentences
         if not sentences and self.remarks and self.spot is not None:
             turned = 90.0 / self.spot.multiplier
@@ -183,7 +183,7 @@ class RobotCheck(Report):
     def document(self) -> Document:
         """Return the contents of robot.json."""
         return {
-            **_document(self.robot, self.spot, self.loads),
+            **_robot_document(self.robot, self.spot, self.loads),
             **self.examined.numbers,
             "ok": self.ok,
             "findings": [finding._asdict() for finding in self.findings],
@@ -236,7 +236,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         if o.write is not None and examined.mended is None:
             raise ValueError(f"--write {o.write}: no change helps, so there is nothing to write")
         if o.write is not None and examined.mended is not None:
-            _save(examined.mended, Path(o.write), "--write")
+            _save_text(examined.mended, Path(o.write), "--write")
     elif o.write is not None:
         raise ValueError("--write goes with an MJCF, whose physics are in its file; ROBOT is none")
     elif o.engine != "mujoco":
@@ -256,10 +256,12 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         findings=findings,
         remarks=[] if draft is None else draft.remarks,
     )
-    return report if report.ok else replace(report, failure=SsmrError(_verdict(robot, findings)))
+    return (
+        report if report.ok else replace(report, failure=SsmrError(_check_verdict(robot, findings)))
+    )
 
 
-def _verdict(robot: Robot, findings: Sequence[Finding]) -> str:
+def _check_verdict(robot: Robot, findings: Sequence[Finding]) -> str:
     """Finding of a check in a sentence; a robot with guessed numbers may still be wrong."""
     if faults := sum(finding.severity == "fault" for finding in findings):
         return f"{robot.name}: {faults} fault{'s' if faults > 1 else ''} found"
@@ -280,7 +282,7 @@ def _sizes_of(robot: Robot) -> dict[str, float]:
     }
 
 
-def _document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> Document:
+def _robot_document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> Document:
     """Contents of robot.json; None stands for a number that no model could show."""
     mu = robot.friction
     drive = robot.drive
@@ -320,7 +322,7 @@ def _every_number(robot: Robot) -> Document:
     return values
 
 
-def _numbers(robot: Robot) -> Table:
+def _numbers_table(robot: Robot) -> Table:
     """Table of all numbers of a robot; its caption has the sources, which many share."""
     rows = []
     sources: dict[str, int] = {}
@@ -414,7 +416,7 @@ def _new(
         "geometry.wheel_width": wheel_width,
         "mass.total": mass,
     }
-    _write(draft_robot(name, numbers), out)
+    _write_draft(draft_robot(name, numbers), out)
 
 
 def _import(
@@ -446,14 +448,16 @@ def _import(
     draft = import_robot(file, name, wheel_radius, wheel_width, controller)
     findings = static_findings(draft.robot, draft.foreign)
     remarks = [f"{finding.severity}: {finding.sentence}" for finding in findings]
-    _write(draft._replace(remarks=[*remarks, *draft.remarks]), out)
+    _write_draft(draft._replace(remarks=[*remarks, *draft.remarks]), out)
 
 
-def _write(draft: RobotDraft, out: Path | None) -> None:
+def _write_draft(draft: RobotDraft, out: Path | None) -> None:
     target = out or Path(f"{draft.robot.name}.toml")
-    _save(draft.text, target)
+    _save_text(draft.text, target)
     check = f"next: python -m validation.robots check {make_visible(target)}"
-    _print([_numbers(draft.robot)], [*draft.remarks, f"written: {make_visible(target)}", check])
+    _print_tables(
+        [_numbers_table(draft.robot)], [*draft.remarks, f"written: {make_visible(target)}", check]
+    )
 
 
 def _says(target: Path, text: str) -> bool:
@@ -464,7 +468,7 @@ def _says(target: Path, text: str) -> bool:
         return False
 
 
-def _save(text: str, target: Path, option: str = "--out") -> None:
+def _save_text(text: str, target: Path, option: str = "--out") -> None:
     if target.exists() or target.is_symlink():
         if _says(target, text):
             return
@@ -475,7 +479,7 @@ def _save(text: str, target: Path, option: str = "--out") -> None:
     output.write_text(output.make_folder(target.parent) / target.name, text)
 
 
-def _print(tables: Sequence[Table], notes: Sequence[str] = ()) -> None:
+def _print_tables(tables: Sequence[Table], notes: Sequence[str] = ()) -> None:
     print_tables(cli.report_console(), tables, notes)
 
 
@@ -560,8 +564,8 @@ def _export(
     """
     ending = "yaml" if to == "diff-drive" else to
     target = out or Path(f"{file_name(load_robot(robot).name)}.{ending}")
-    _save(export_robot(robot, to, profile, timestep=timestep), target)
-    _print([], [f"written: {make_visible(target)}"])
+    _save_text(export_robot(robot, to, profile, timestep=timestep), target)
+    _print_tables([], [f"written: {make_visible(target)}"])
 
 
 PROGRAM = {

@@ -101,7 +101,10 @@ def table(o: Side) -> SideBySide:
     rows = list[Document]()
     for path, place in zip(o.files, whole, strict=True):
         run = place.relative_to(common).as_posix()
-        rows += [{"run": run, **_flat(values)} for values in _parts(cli.read_result(path))]
+        rows += [
+            {"run": run, **_flatten_values(values)}
+            for values in _result_parts(cli.read_result(path))
+        ]
     there = list(dict.fromkeys(key for row in rows for key in row))
     columns = o.columns or tuple(name for name in _SHOWN if name in there)
     heads = [name for name in ("run", "plant") if name in there and name not in columns]
@@ -118,7 +121,7 @@ def table(o: Side) -> SideBySide:
     return SideBySide(title="Results side by side", rows=chosen)
 
 
-def _parts(document: Document) -> list[Document]:
+def _result_parts(document: Document) -> list[Document]:
     """Return what a result has of each of its plants; the whole of one without plants."""
     for key in _NO_RESULT:
         document.pop(key, None)
@@ -129,12 +132,12 @@ def _parts(document: Document) -> list[Document]:
     return [{**document, "plant": name, **values} for name, values in plants.items()]
 
 
-def _flat(values: Document) -> Document:
+def _flatten_values(values: Document) -> Document:
     """Return words and numbers by dotted key."""
     flat = Document()
     for name, value in values.items():
         if isinstance(value, dict):
-            flat |= {f"{name}.{key}": part for key, part in _flat(value).items()}
+            flat |= {f"{name}.{key}": part for key, part in _flatten_values(value).items()}
         elif isinstance(value, str | int | float):
             flat[name] = value
     return flat

@@ -211,7 +211,7 @@ def track(o: TrackOptions) -> Tracked:
     driven = []
     for k, robot in enumerate(robots):
         o.progress(Progress(k, len(robots), f"{robot.name} drives"))
-        tracked = _driven(o, robot, law, waypoints, label)
+        tracked = _drive_reference(o, robot, law, waypoints, label)
         # metrics of users see the reference to its end, also where the robot was lost
         if metric is not None:
             whole = reference_of(tracked.run, waypoints, whole=True)
@@ -221,7 +221,9 @@ def track(o: TrackOptions) -> Tracked:
     if gains is not None and waypoints.duration <= SHORT:
         late = make_robot(profile, plants[0], terrain, o.late + MORE_DELAY)
         if isinstance(late.body, PlanarModel | MujocoPlant):
-            remarks.append(_what_delay_does(driven[0], _driven(o, late, law, waypoints, label)))
+            remarks.append(
+                _what_delay_does(driven[0], _drive_reference(o, late, law, waypoints, label))
+            )
     return Tracked.of(
         driven,
         law.name,
@@ -231,7 +233,7 @@ def track(o: TrackOptions) -> Tracked:
         profile=profile,
         seed=o.seed,
         terrain=terrain,
-        filter=_settings(o, robots[0]).filter_at_start(o.seed) if o.seen == "ekf" else None,
+        filter=_loop_settings(o, robots[0]).filter_at_start(o.seed) if o.seen == "ekf" else None,
         remarks=remarks,
     )
 
@@ -245,7 +247,7 @@ def _what_delay_does(as_it_is: Followed, later: Followed) -> str:
     return f"{begin} be {after:.0f} mm off its path (d_rms), {before:.0f} mm as it is."
 
 
-def _settings(o: TrackOptions, robot: ClosedLoopRobot) -> LoopSettings:
+def _loop_settings(o: TrackOptions, robot: ClosedLoopRobot) -> LoopSettings:
     """Return the settings of a robot's closed loop."""
     return LoopSettings(
         o.seen,
@@ -258,7 +260,7 @@ def _settings(o: TrackOptions, robot: ClosedLoopRobot) -> LoopSettings:
     )
 
 
-def _driven(
+def _drive_reference(
     o: TrackOptions,
     robot: ClosedLoopRobot,
     law: AnyController,
@@ -266,7 +268,7 @@ def _driven(
     label: str,
 ) -> Followed:
     """Drive a robot along the reference; one that is lost on the way gives the part it drove."""
-    around = _settings(o, robot)
+    around = _loop_settings(o, robot)
     # the start is seen from that of the reference
     at = waypoints.start
     x, y, yaw = cli.read_value(o.start)

@@ -358,7 +358,7 @@ def tune(o: Tune) -> Tuned:
     total = settings.generations + 1
     o.progress(Progress(total, total, "tuned and earlier gains on every reference"))
     judge = [] if JUDGE in o.plant else [make_robot(profile, JUDGE)]
-    return _report(o, problem, search, held_out, o.cases(references, judge))
+    return _report_tuning(o, problem, search, held_out, o.cases(references, judge))
 
 
 def _base_gains(o: Tune, profile: Profile) -> GainSet:
@@ -376,7 +376,7 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
     return base
 
 
-def _report(
+def _report_tuning(
     o: Tune,
     problem: TuneProblem,
     search: Search,
@@ -409,7 +409,9 @@ def _report(
                 "so it had to be left."
             )
     if kept is not base and not o.from_scratch:
-        before_there, there = _metres(problem, judged, {"baseline": base, "tuned": kept}, threads)
+        before_there, there = _mean_metres(
+            problem, judged, {"baseline": base, "tuned": kept}, threads
+        )
         if not there <= before_there:
             notes.append(
                 f"The gains that were found are refused: MuJoCo's robot is farther from path and "
@@ -450,7 +452,7 @@ def _report(
     )
 
 
-def _metres(
+def _mean_metres(
     problem: TuneProblem, cases: Sequence[TuneCase], sets: Mapping[str, GainSet], threads: int
 ) -> list[float]:
     """Return the mean metres of each set of gains over some cases; infinite for a lost robot."""

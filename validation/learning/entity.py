@@ -24,7 +24,7 @@ class RobotEntity(composer.Entity):
     """A robot without its free joint: `Arena.add_free_entity` gives it one."""
 
     def _build(self, robot: Robot) -> None:
-        self._model = _tree(robot)
+        self._model = _robot_tree(robot)
         self._model.model = robot.name
         self._model.find("joint", "root").remove()
 
@@ -44,7 +44,7 @@ class RobotEntity(composer.Entity):
         set_motors(physics.model.ptr, calibration, drive, self.prefix)
 
 
-def _tree(robot: Robot) -> Any:
+def _robot_tree(robot: Robot) -> Any:
     spec = compose_robot(robot)
     spec.compile()  # only then can it be written
     return mjcf.from_xml_string(spec.to_xml())
@@ -53,7 +53,7 @@ def _tree(robot: Robot) -> Any:
 def ground(robot: Robot) -> composer.Arena:
     """A plane under a lamp, with the robot's solver settings, which attaching does not bring."""
     arena = composer.Arena(name="ground")
-    robot_tree = _tree(robot)
+    robot_tree = _robot_tree(robot)
     root = arena.mjcf_model
     for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
         setattr(root.option, name, getattr(robot_tree.option, name))

@@ -316,7 +316,7 @@ def control(options: Control) -> Tracked:
         waypoints.speed,
         gains=gains,
         profile=profile,
-        remarks=[*remarks, *_remarks(follower, status)],
+        remarks=[*remarks, *_drive_remarks(follower, status)],
         stopped_because=why,
         status=status,
         failure=StoppedError(why) if why else None,
@@ -339,7 +339,7 @@ def _with_topics(options: Control, robot: str) -> Control:
     )
 
 
-def _remarks(follower: PathFollower, status: str) -> list[str]:
+def _drive_remarks(follower: PathFollower, status: str) -> list[str]:
     """Return sentences on a drive that ended before its reference, waited, or was late."""
     remarks = []
     if status != _ARRIVED:

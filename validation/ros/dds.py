@@ -108,7 +108,7 @@ class Graph(cli.Options):
         return f"/{namespace}{name}"
 
 
-def configuration(interface: str) -> str:
+def cyclone_configuration(interface: str) -> str:
     """Return Cyclone's configuration for a network interface, by name or address; empty: loopback.
 
     On loopback, peers are found on the ports of up to 33 participants: containers have no
@@ -211,8 +211,8 @@ class Node:
         self._subscriptions: dict[str, _Subscription] = {}
         self._logged_at: dict[str, float] = {}
         if graph.interface:
-            os.environ["CYCLONEDDS_URI"] = configuration(graph.interface)
-        os.environ.setdefault("CYCLONEDDS_URI", configuration(""))
+            os.environ["CYCLONEDDS_URI"] = cyclone_configuration(graph.interface)
+        os.environ.setdefault("CYCLONEDDS_URI", cyclone_configuration(""))
         policy = dds.qos.Policy
         try:
             qos = dds.qos.Qos(policy.Userdata(b"enclave=/;"), policy.EntityName(name))

@@ -67,25 +67,28 @@ def tracking_topic(robot: str) -> str:
     return f"/vrpn_mocap/{ros_name(robot)}/pose"
 
 
-def _stamp(seconds: float) -> Fields:
+def _stamp_fields(seconds: float) -> Fields:
     whole, rest = divmod(round(seconds * _NANO), _NANO)
     return {"sec": whole, "nanosec": rest}
 
 
-def _header(stamp: float, frame: str) -> Fields:
-    return {"stamp": _stamp(stamp), "frame_id": frame}
+def _header_fields(stamp: float, frame: str) -> Fields:
+    return {"stamp": _stamp_fields(stamp), "frame_id": frame}
 
 
-def _vector(values: Sequence[float] | FloatArray, axes: str = "xyz") -> Fields:
+def _vector_fields(values: Sequence[float] | FloatArray, axes: str = "xyz") -> Fields:
     return dict(zip(axes, map(float, values), strict=True))
 
 
-def _quaternion(yaw: float) -> Fields:
-    return _vector(yaw_to_quat_wxyz(yaw), "wxyz")
+def _quaternion_fields(yaw: float) -> Fields:
+    return _vector_fields(yaw_to_quat_wxyz(yaw), "wxyz")
 
 
-def _pose(pose: FloatArray) -> Fields:
-    return {"position": _vector((pose[0], pose[1], 0.0)), "orientation": _quaternion(pose[2])}
+def _pose_fields(pose: FloatArray) -> Fields:
+    return {
+        "position": _vector_fields((pose[0], pose[1], 0.0)),
+        "orientation": _quaternion_fields(pose[2]),
+    }
 
 
 def _covariance_36(planar: FloatArray) -> list[float]:
@@ -97,7 +100,7 @@ def _covariance_36(planar: FloatArray) -> list[float]:
 
 def clock_message(stamp: float) -> Fields:
     """Return a rosgraph_msgs/Clock of a time [s], not negative, to the nanosecond."""
-    return {"clock": _stamp(stamp)}
+    return {"clock": _stamp_fields(stamp)}
 
 
 def twist_message(v: float, w: float) -> Fields:
@@ -107,7 +110,7 @@ def twist_message(v: float, w: float) -> Fields:
 
 def pose_message(stamp: float, frame: str, pose: FloatArray) -> Fields:
     """Return a geometry_msgs/PoseStamped of (3,) x, y [m], yaw [rad]."""
-    return {"header": _header(stamp, frame), "pose": _pose(pose)}
+    return {"header": _header_fields(stamp, frame), "pose": _pose_fields(pose)}
 
 
 def odometry_message(
@@ -123,9 +126,9 @@ def odometry_message(
     [rad/s], and the (3, 3) covariances of x, y, yaw and of v_x, v_y, omega.
     """
     return {
-        "header": _header(stamp, ODOM),
+        "header": _header_fields(stamp, ODOM),
         "child_frame_id": BASE,
-        "pose": {"pose": _pose(pose), "covariance": _covariance_36(pose_covariance)},
+        "pose": {"pose": _pose_fields(pose), "covariance": _covariance_36(pose_covariance)},
         "twist": {"twist": twist_message(*twist), "covariance": _covariance_36(twist_covariance)},
     }
 
@@ -140,12 +143,12 @@ def imu_message(
     """
     of_rates, of_forces = variances
     return {
-        "header": _header(stamp, IMU),
-        "orientation": _quaternion(0.0),
+        "header": _header_fields(stamp, IMU),
+        "orientation": _quaternion_fields(0.0),
         "orientation_covariance": [-1.0, *[0.0] * 8],
-        "angular_velocity": _vector(rates),
+        "angular_velocity": _vector_fields(rates),
         "angular_velocity_covariance": (of_rates * np.eye(3)).ravel().tolist(),
-        "linear_acceleration": _vector(forces),
+        "linear_acceleration": _vector_fields(forces),
         "linear_acceleration_covariance": (of_forces * np.eye(3)).ravel().tolist(),
     }
 
@@ -155,7 +158,7 @@ def joint_message(
 ) -> Fields:
     """Return a sensor_msgs/JointState with (N,) angles [rad] and rates [rad/s] of named joints."""
     return {
-        "header": _header(stamp, ""),
+        "header": _header_fields(stamp, ""),
         "name": list(names),
         "position": angles.tolist(),
         "velocity": rates.tolist(),
@@ -172,17 +175,17 @@ def transform_message(
     """
     parent, child = frames
     transform = {
-        "header": _header(stamp, parent),
+        "header": _header_fields(stamp, parent),
         "child_frame_id": child,
         "transform": {
-            "translation": _vector((pose[0], pose[1], z)),
-            "rotation": _quaternion(pose[2]),
+            "translation": _vector_fields((pose[0], pose[1], z)),
+            "rotation": _quaternion_fields(pose[2]),
         },
     }
     return {"transforms": [transform]}
 
 
-def plausible(name: str, value: Any, most: float, least: float = -math.inf) -> float:
+def check_plausible(name: str, value: Any, most: float, least: float = -math.inf) -> float:
     """Return the number in a field of a message, checked; a ValueError says what is wrong."""
     try:
         number = float(value)
@@ -196,8 +199,8 @@ def plausible(name: str, value: Any, most: float, least: float = -math.inf) -> f
 
 def read_twist(message: Any) -> Twist:
     """Speed [m/s] and yaw rate [rad/s] of a geometry_msgs/Twist; a ValueError if not plausible."""
-    v = plausible("linear.x", message.linear.x, MOST_RATE)
-    w = plausible("angular.z", message.angular.z, MOST_RATE)
+    v = check_plausible("linear.x", message.linear.x, MOST_RATE)
+    w = check_plausible("angular.z", message.angular.z, MOST_RATE)
     return v, w
 
 
@@ -218,16 +221,16 @@ def read_pose(message: Any) -> tuple[float, Observation]:
 
 def _read_stamp(message: Any) -> float:
     stamp = message.header.stamp
-    seconds = plausible("header.stamp.sec", stamp.sec, _MOST_STAMP, 0.0)
-    nano = plausible("header.stamp.nanosec", stamp.nanosec, _MOST_STAMP, 0.0)
+    seconds = check_plausible("header.stamp.sec", stamp.sec, _MOST_STAMP, 0.0)
+    nano = check_plausible("header.stamp.nanosec", stamp.nanosec, _MOST_STAMP, 0.0)
     return seconds + nano / _NANO
 
 
 def _read_pose(pose: Any) -> tuple[float, float, float]:
-    x = plausible("position.x", pose.position.x, _MOST_DISTANCE)
-    y = plausible("position.y", pose.position.y, _MOST_DISTANCE)
+    x = check_plausible("position.x", pose.position.x, _MOST_DISTANCE)
+    y = check_plausible("position.y", pose.position.y, _MOST_DISTANCE)
     orientation = [(f"orientation.{axis}", getattr(pose.orientation, axis)) for axis in "wxyz"]
-    quat = np.array([plausible(name, value, _MOST_COMPONENT) for name, value in orientation])
+    quat = np.array([check_plausible(name, value, _MOST_COMPONENT) for name, value in orientation])
     length = float(np.linalg.norm(quat))
     if not length > _LEAST_LENGTH:
         raise ValueError(f"orientation has length {length:g}: it is no quaternion")

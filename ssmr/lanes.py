@@ -1,11 +1,11 @@
 """Many robots of one planar model at once, side by side in the lanes of vector instructions.
 
 A step of the time loop advances a group of robots by the functions that advance one robot,
-`drive_on` and `move_robot`. The loop over the group is the inner one, and each quantity of all its robots
-lies in one row, so the compiler turns that loop into vector instructions, and the branches of a law
-into selections. No arithmetic is approximated or reordered for that: a robot's motion is that of
-`PlanarPlant.run` to the bit, whatever stands in the other lanes. A law that calls a function which
-has no vector form, such as `math.exp`, runs lane after lane, with the same result.
+`drive_on` and `move_robot`. The loop over the group is the inner one, and each quantity of all its
+robots lies in one row, so the compiler turns that loop into vector instructions, and the branches
+of a law into selections. No arithmetic is approximated or reordered for that: a robot's motion is
+that of `PlanarPlant.run` to the bit, whatever stands in the other lanes. A law that calls a
+function which has no vector form, such as `math.exp`, runs lane after lane, with the same result.
 """
 
 from __future__ import annotations

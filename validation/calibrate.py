@@ -209,9 +209,9 @@ def _turning_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
             size = f"{now.yaw_median_rad:.3f} rad for {was.yaw_median_rad:.3f}"
             share = _turn_share(kept, f.model)
             notes.append(
-                f"{_fit_label(f)}: headings are worse than those of {FIRST_FITTED} by more than chance,"
-                f" {size}. By {kept.options['input']} it turns {1.0 + share:.3f} times as much as "
-                "the robot there."
+                f"{_fit_label(f)}: headings are worse than those of {FIRST_FITTED} by more than "
+                f"chance, {size}. By {kept.options['input']} it turns {1.0 + share:.3f} times as "
+                "much as the robot there."
             )
     return notes
 

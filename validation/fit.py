@@ -421,7 +421,7 @@ def _searched_names(o: Fit, names: Sequence[str], sources: Sequence[Source]) -> 
 
 
 def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
-    """Return the report of `fit`; `warn_user` is called with what is wrong with its sources or it."""
+    """Return the report of `fit`; `warn` is called with what is wrong with its sources or it."""
     add_user_model(o.own_model)
     occasion = _occasion_of(o)
     kind = plant_kind(o.model)

@@ -240,9 +240,9 @@ def _advance_driver(
     model: PredictorModel,
     late: float,
 ) -> DriverEstimate:
-    """Return the driver's references after a step from `t` to `t + dt` [s], see `command_in_effect`.
+    """Return the driver's references after a step from `t` to `t + dt` [s].
 
-    The driver acts `late` [s] later than the model's.
+    See `command_in_effect`; the driver acts `late` [s] later than the model's.
     """
     when = t + (dt if model.ramp > 0.0 else 0.5 * dt)  # a ramp has gone on to the end of the step
     sampled_v = when - max(model.delay_v + late, 0.0)

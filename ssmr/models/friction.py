@@ -1,9 +1,9 @@
 """The friction laws of the thesis, and the force of a tyre of brushes, as functions of numbers.
 
-The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign_of` times friction and load, its
-smooth form with an arctangent (Eq. 2.33-2.35), and the improved dry friction (Eq. 2.29-2.31). The
-arctangent's line about rest, called hyperviscous (Eq. 2.39, 2.40), is the friction of the linear
-model, which has it in its matrices.
+The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign_of` times friction and load,
+its smooth form with an arctangent (Eq. 2.33-2.35), and the improved dry friction (Eq. 2.29-2.31).
+The arctangent's line about rest, called hyperviscous (Eq. 2.39, 2.40), is the friction of the
+linear model, which has it in its matrices.
 
 The force of a tyre grows with slip until all of its contact slides, and it needs some way to build
 up: the brush model with a parabolic pressure (H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed.

@@ -96,10 +96,11 @@ def slide_step(
 
 @jit
 def _break_away(start: float, end: float, gain: float, static: float, dynamic: float) -> float:
-    """Return the velocity after a step of what sticks at its start; for the arguments see `slide_step`.
+    """Return the velocity after a step of what sticks at its start.
 
-    The active force is linear in time, and motion begins where it exceeds stiction. This matters
-    where friction falls at that instant; else waiting for the next step is of second order too.
+    For the arguments see `slide_step`. The active force is linear in time, and motion begins where
+    it exceeds stiction. This matters where friction falls at that instant; else waiting for the
+    next step is of second order too.
     """
     excess = abs(end) - static
     if excess <= 0.0:

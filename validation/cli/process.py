@@ -129,7 +129,8 @@ def parse_command(
 def read_as(command: Any, given: Sequence[str] = ()) -> Any:
     """Return the type that tyro reads a command line as; its value is the call.
 
-    `command` is what `parse_command` takes, `given` its command line, which may name a run to repeat.
+    `command` is what `parse_command` takes, `given` its command line, which may name a run to
+    repeat.
     """
     if not isinstance(command, Mapping):
         return _defer_call(command, given)

@@ -250,7 +250,8 @@ def load_user_metric(given: Callable[[Trajectory, Trajectory], float] | str) -> 
     rate, path = _load_object(given)
     if not inspect.isfunction(rate):
         raise ValueError(
-            f"{path}: {given} is {_show_value(rate)}, wanted a function of a motion and its reference"
+            f"{path}: {given} is {_show_value(rate)}, "
+            "wanted a function of a motion and its reference"
         )
     name = rate.__name__
     if name in {**METRICS, **SIGNALS}:

@@ -230,8 +230,9 @@ def descend_from(
 ) -> tuple[FloatArray, float]:
     """Return the (n,) point where least squares from a start end, and the size of errors there.
 
-    An interrupt passes through. The arguments are those of `descent_ends`, and `goal` is the least size
-    of the errors at the ends of earlier starts: a start that does not come near it is given up.
+    An interrupt passes through. The arguments are those of `descent_ends`, and `goal` is the least
+    size of the errors at the ends of earlier starts: a start that does not come near it is given
+    up.
     """
     n = len(start)
     robust = problem.robust

@@ -278,7 +278,8 @@ class TrackBatch:
         if numbers.shape != (len(self), 2) or not np.all(np.isfinite(numbers)):
             shape = "action must be (2,)" if len(self) == 1 else f"actions must be ({len(self)}, 2)"
             raise ValueError(
-                f"{shape} finite numbers, v [m/s] and omega [rad/s]; got {shorten_text(actions, 60)}"
+                f"{shape} finite numbers, v [m/s] and omega [rad/s]; "
+                f"got {shorten_text(actions, 60)}"
             )
         return np.clip(numbers, -self.source.top, self.source.top)
 

@@ -24,6 +24,8 @@ BROUGHT = {
     "packaging": "pytest",
     "pillow": "matplotlib",
     "lz4": "rosbags",
+    "llvmlite": "numba",
+    "nbformat": "nbclient",
     "backports.zstd": "rosbags",
     "ruamel.yaml": "rosbags",
 }

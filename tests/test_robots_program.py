@@ -250,7 +250,8 @@ def test_a_new_robot_has_what_was_measured_and_says_the_rest(
     assert robot.source("mass.com")[0] == "assumed"
     run("check", "mine.toml")
     assert json.loads(Path("runs/robots/mine/robot.json").read_text())["ok"] is True
+    run("new", "mine", *numbers.split())  # the same file again loses nothing
     with pytest.raises(SystemExit) as left:
-        run("new", "mine", *numbers.split())
+        run("new", "mine", *numbers.replace("60", "61").split())
     assert left.value.code == cli.EXIT_USER_ERROR
     assert Path("mine.toml").read_text() == text

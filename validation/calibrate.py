@@ -147,7 +147,7 @@ def _as_dict(f: Fitted) -> dict[str, Any]:
     return document
 
 
-def _verdict_sentence(f: Fitted) -> str:
+def _say_verdict(f: Fitted) -> str:
     """Return a sentence on the errors before and after a fit, and on the numbers that are kept."""
     errors = []
     for scored in f.judged.values():
@@ -350,11 +350,8 @@ class Calibrated(Report):
 
     def notes(self) -> list[str]:
         """Return a verdict on each fit, the remarks, and the fits' notes."""
-        notes = [
-            *map(_verdict_sentence, self.fits),
-            *_turning_notes(self.fits, self.kept),
-            *self.remarks,
-        ]
+        notes = [*map(_say_verdict, self.fits), *_turning_notes(self.fits, self.kept)]
+        notes += self.remarks
         # the first note of a fit that is no better says so, and the verdict does too
         notes += said_once({_fit_label(f): f.notes()[not f.better :] for f in self.fits})
         return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
@@ -388,7 +385,7 @@ class Calibrated(Report):
                 marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.overlapping))
         legend = [drawing.key_line(m.name, color=m.ink, marker=m.marker) for m in marks]
         panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
-        verdicts = list(map(_verdict_sentence, self.fits))
+        verdicts = list(map(_say_verdict, self.fits))
         row = drawing.PanelRow(3.6, panels)
         return drawing.draw_page(self.title, [row], legend=legend, notes=verdicts)
 

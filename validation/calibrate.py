@@ -192,7 +192,7 @@ def _turn_share(kept: Comparison, plant: str) -> float:
     return product / max(square, 1e-9)
 
 
-def _turning_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
+def _turn_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
     """Return a sentence on each plant that turns worse than the kinematic one, beyond chance.
 
     Data that no fit has seen judge, and those of `kept` say whether it turns too much or too
@@ -350,8 +350,7 @@ class Calibrated(Report):
 
     def notes(self) -> list[str]:
         """Return a verdict on each fit, the remarks, and the fits' notes."""
-        notes = [*map(_say_verdict, self.fits), *_turning_notes(self.fits, self.kept)]
-        notes += self.remarks
+        notes = [*map(_say_verdict, self.fits), *_turn_notes(self.fits, self.kept), *self.remarks]
         # the first note of a fit that is no better says so, and the verdict does too
         notes += said_once({_fit_label(f): f.notes()[not f.better :] for f in self.fits})
         return [*super().notes(), *map(one_line, dict.fromkeys(notes))]

@@ -217,22 +217,21 @@ def run_bodies(
             no whole number of steps; no loops or no seeds.
     """
     first = common_settings(settings, seeds)
-    count = len(settings)
     if len({isinstance(law, PythonController) for law in controllers}) != 1:
         raise ValueError("a population has compiled laws or Python objects, not both")
     clock = make_clock(waypoints, first, dt)
     random = [draw_noise(clock, first, seed) for seed in seeds]
-    draws = np.array([numbers for numbers, _ in random])
+    draws = np.array([normal for normal, _ in random])
     pushes = np.array([np.resize(push, clock.n) for _, push in random])
+    count = len(settings)
     turn = np.arange(count) % len(seeds)
     state = start or waypoints.start
     bodies = bodies_at(state)
     numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
     trackers = make_trackers(controllers, settings, waypoints, clock, state, seeds)
     rows = _rows_of(trackers, numbers)
-    drivers = np.array(
-        [rolling_references(Sides(state.wheel_left, state.wheel_right), d) for d in numbers]
-    )
+    wheels = Sides(state.wheel_left, state.wheel_right)
+    drivers = np.array([rolling_references(wheels, drive) for drive in numbers])
     alive = np.ones(count, dtype=np.bool_)
     carried = np.tile(EMPTY_MEMORY, (count, 1)), np.zeros(count, dtype=np.int64), drivers, alive
     commands = np.zeros((count, 1 + clock.n // clock.velocity, 2))
@@ -256,14 +255,9 @@ def run_bodies(
             for j in (k, *range(due, k + n, clock.velocity)):
                 alive[i] &= not side.tick(j, truth, draws[i % len(draws)], logs[i])
                 commands[i, j // clock.velocity] = side.state.command
-            drivers[i] = continue_references(
-                commands[i],
-                numbers[i],
-                (0.0, 0.0),
-                DriveState(*drivers[i]),
-                first=k,
-                out=references[i, :n],
-            )
+            driver = DriveState(*drivers[i])
+            out = references[i, :n]
+            drivers[i] = continue_references(commands[i], numbers[i], (0.0, 0.0), driver, k, out)
         ticks[before & ~alive] = tick + 1
         references[~alive] = 0.0
         if not alive.any():

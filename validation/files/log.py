@@ -72,7 +72,8 @@ class _Value:
         return type(self), tuple(plain)
 
     def _values(self) -> dict[str, Any]:
-        return {part.name: getattr(self, part.name) for part in fields(self)}  # type: ignore[arg-type]
+        parts = fields(self)  # type: ignore[arg-type]  # of the dataclasses that inherit this
+        return {part.name: getattr(self, part.name) for part in parts}
 
 
 def _read_only(value: Any) -> Any:

@@ -29,7 +29,7 @@ def main(out: Path, /) -> None:
     except KeyboardInterrupt:
         output.write_text(out, "kept")
         raise
-cli.run(main, "program")
+cli.run_command(main, "program")
 """
 
 
@@ -73,10 +73,10 @@ def test_under_nohup_a_hangup_is_ignored(start: Launch, tmp_path: Path) -> None:
 
 def test_a_reader_that_leaves_is_no_failure(start: Launch) -> None:
     program = (
-        "from validation.cli import run\n"
+        "from validation.cli import run_command\n"
         "def main() -> None:\n"
         "    print('x' * 10**6)\n"
-        "run(main, 'program', [])"
+        "run_command(main, 'program', [])"
     )
     process = start(program)
     assert process.stdout is not None

@@ -167,9 +167,9 @@ def test_an_interrupt_in_mid_run_leaves_nothing(
     recorded(lab, "improved", tmp_path)
     monkeypatch.chdir(tmp_path)
     program = sys.modules["validation.experiment.runs"]
-    real = program.drive
+    real = program.drive_piece
     monkeypatch.setattr(
-        program, "drive", lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]
+        program, "drive_piece", lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]
     )
     assert exit_status(compare.command, "drive.csv", "--out", "out") == cli.EXIT_INTERRUPTED
     assert capsys.readouterr().err.splitlines()[-1] == "interrupted"

@@ -143,6 +143,8 @@ def start(folder: Path, run: str = RUN, *before: Path) -> subprocess.Popen[str]:
     places = os.pathsep.join(map(str, (*before, folder, ROOT)))
     environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "PYTHONPATH": places}
     environment.pop("NUMBA_CACHE_DIR", None)
+    # Python notices no edit within a second that keeps a file's size
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"
     return subprocess.Popen(
         [sys.executable, "-c", run],
         cwd=folder,

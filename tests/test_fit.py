@@ -352,7 +352,7 @@ def test_a_fit_is_kept_whose_errors_or_scores_cannot_be_had(
             raise DivergedError("it left the finite numbers")
         return real(plant, source, localiser)
 
-    monkeypatch.setattr(program, "estimate", fail)
+    monkeypatch.setattr(program, "estimate_uncertainty", fail)
     monkeypatch.setattr(judging, "drive_source", diverge)
     result = fit("kinematic", "traj4@kinematic", held_out=("traj1",), **options)
     assert (result.cost, result.parameters[0].standard_error, result.held_out) == (

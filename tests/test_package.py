@@ -24,13 +24,13 @@ import sys
 sys.modules.update(dict.fromkeys(("dm_control", "labmaze", "rerun", "rerun_cli", "pyarrow")))
 from validation import cli, learning, load_profile
 from validation.compare import compare
-cli.run(compare, "compare", ["traj2", "--plants", "mujoco,improved", "--no-rerun"])
+cli.run_command(compare, "compare", ["traj2", "--plants", "mujoco,improved", "--no-rerun"])
 learning.TrackBatch(learning.TrackTask(), 2).reset()
 try:
     learning.RobotEntity
 except ImportError as error:
     print("entity:", error)
-cli.run(compare, "compare", ["traj2"])
+cli.run_command(compare, "compare", ["traj2"])
 """
 pytest.importorskip("hatchling", reason="building a wheel needs the extra `test`")
 
@@ -80,7 +80,7 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     program = f"import sys; sys.path.insert(0, {str(site)!r}); "
     program += "import validation; print(validation.__file__); "
     program += "from validation import cli; from validation.compare import compare; "
-    program += f"cli.run(compare, 'compare', {options!r})"
+    program += f"cli.run_command(compare, 'compare', {options!r})"
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     done = subprocess.run(
         [sys.executable, "-c", program],

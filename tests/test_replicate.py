@@ -238,7 +238,7 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(
     def missing() -> None:
         raise EngineMissingError("install it")
 
-    monkeypatch.setattr(gazebo, "ode", missing)
+    monkeypatch.setattr(gazebo, "load_ode", missing)
     measured: Findings = section("gazebo").run(TASK)
     assert {row["straight_share"].obstacle for row in measured.tables["Sec. 3.7"].values()} == {
         "install it"

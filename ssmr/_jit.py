@@ -157,14 +157,12 @@ class _Kept:
         """Return the code for a signature; None where there is none, or none that can be used."""
         target_context.refresh()
         place = self._place(sig, target_context.codegen())
-        try:
+        with contextlib.suppress(Exception):  # unpickling a damaged file can raise anything
             kept = _file_in(place).load(_ONLY)
             if kept is not None:
                 with contextlib.suppress(OSError):
                     os.utime(place)  # it is in use, see `_remove_unused`
                 return _result._rebuild(target_context, *kept)
-        except Exception:  # noqa: BLE001 - unpickling a damaged file can raise anything
-            pass
         if _saves:
             _say_that_it_happens_once()
         return None

@@ -193,22 +193,22 @@ def _is_number(value: Any) -> bool:
 
 
 def _spread_of(golden: Mapping[str, Any], built: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the greatest deviations that matter, two digits each; null of what is not settled.
+    """Return the deviations of builds that matter, two digits each; null of what is not settled.
 
     That is a word, a count or a missing number which is not the same in all builds.
     """
     spread: dict[str, Any] = {}
     for key, number in golden.items():
         found = [numbers.get(key) for numbers in built]
-        if all(other == number for other in found):
+        if all(other == found[0] for other in found):
             continue
-        usual = all(map(_is_number, (number, *found)))
-        if not usual or isinstance(number, int) or not all(map(math.isfinite, (number, *found))):
-            same = all(_is_number(n) and math.isnan(n) for n in (number, *found))
-            if not same:
+        usual = all(map(_is_number, found)) and not isinstance(number, int)
+        if not usual or not all(map(math.isfinite, found)):
+            if not all(_is_number(n) and math.isnan(n) for n in found):
                 spread[key] = None
             continue
-        deviation = max(abs(other - number) for other in found)
+        # between builds: a number that is no longer what programs say widens nothing
+        deviation = max(found) - min(found)
         if MOST_SPREADS * deviation > max(FLOOR, SAME * abs(number)):
             spread[key] = float(f"{deviation:.1e}")
     return spread

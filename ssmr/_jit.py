@@ -181,7 +181,7 @@ class _Kept:
     def _place(self, signature: Any, codegen: Any) -> Path:
         processor = codegen.magic_tuple()
         python = sys.implementation.cache_tag
-        digest = _digest((numba.__version__, python, processor, self._function, *signature))
+        digest = _digest_of((numba.__version__, python, processor, self._function, *signature))
         return Path(_FOLDER, f"numba-{digest[:24]}")
 
 
@@ -203,7 +203,7 @@ def _remove_unused() -> None:
             shutil.rmtree(old, ignore_errors=True)
 
 
-def _digest(thing: Any) -> str:
+def _digest_of(thing: Any) -> str:
     """Return a digest of what is compiled and of all that it refers to.
 
     Names of places, lines and docstrings are not in it, nor what else its modules hold.

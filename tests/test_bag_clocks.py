@@ -57,7 +57,7 @@ def drive() -> list[Message]:
 
 @pytest.fixture(scope="module")
 def answer(tmp_path_factory: pytest.TempPathFactory) -> guarded.Answer:
-    """What a reader of the bag answers."""
+    """Return what a reader of the bag answers."""
     path = make.write(tmp_path_factory.mktemp("bag"), "mcap", drive())
     asked = list[guarded.Answer]()
     ask = guarded.ask

@@ -33,7 +33,7 @@ def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture
 def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
-    """How often each log's file was opened, and how often faults and delays were looked for."""
+    """Count how often each log is opened, and how often it is looked at for faults and delays."""
     counts = Counter[str]()
     open_file = os.open
 
@@ -104,7 +104,7 @@ def test_programs_take_a_log_by_its_path_or_itself(paths: list[Path]) -> None:
 
 
 def test_a_part_of_a_log_is_looked_at_as_the_whole(paths: list[Path]) -> None:
-    """What a part shows of clocks and jumps is what the whole shows there."""
+    """A part of a log shows the clocks and jumps that the whole log shows in it."""
     whole = open_source(paths[0], "wheels")
     part = open_source(paths[0], "wheels", 20.0, 50.0)
     assert whole.inspected is not None

@@ -1,4 +1,4 @@
-"""What a log's sensors tell of its motion: the same by every sensor, whatever its stamps."""
+"""Every sensor of a log tells the same motion, whatever its stamps."""
 
 from __future__ import annotations
 

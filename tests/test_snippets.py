@@ -1,4 +1,4 @@
-"""What pages, notebooks and examples show passes the type checker."""
+"""The type checker accepts all code that pages, notebooks and examples show."""
 
 from __future__ import annotations
 

@@ -426,7 +426,7 @@ def calibrate(o: Calibrate) -> Calibrated:
     if not inputs:
         raise ValueError("no input, wheel rates or commands, is in all logs")
     kinds: dict[Input, CommandKind] = {"wheels": "wheels", "commands": "twist"}
-    sources = {each: _divided(opened, held, kinds[each]) for each in inputs}
+    sources = {each: _divide_logs(opened, held, kinds[each]) for each in inputs}
     if o.profile is None and o.robot is None:
         whole = source_of(opened[names[0]], split_ground(names[0])[0], kinds[inputs[0]])
         unknown = unknown_robot_notes(whole, robot)
@@ -462,7 +462,7 @@ _Divided = tuple[list[Source], tuple[Source, ...]]
 """The sources that fits see, and those that judge them."""
 
 
-def _divided(
+def _divide_logs(
     opened: Mapping[str, Inspected], held: Mapping[str, Inspected], kind: CommandKind
 ) -> _Divided:
     """Return the logs as sources: to fit to, and the one that is held out, or the ends of all."""

@@ -162,12 +162,12 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     for left in path.parent.glob(f"{_PART}*"):
         # one that is being written is held; without rights it stays
         with contextlib.suppress(OSError), left.open("r+b") as file:
-            if _hold(file):
+            if _hold_file(file):
                 left.unlink()
     temporary = path.with_name(f"{_PART}{secrets.token_hex(8)}.part{path.suffix}")
     try:
         with temporary.open("xb") as file:
-            _hold(file)
+            _hold_file(file)
             write(temporary)
             # Windows moves no file that is open
             if os.name != "posix":
@@ -178,7 +178,7 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def _hold(file: IO[bytes]) -> bool:
+def _hold_file(file: IO[bytes]) -> bool:
     """Hold a file until it is closed or this process ends; return whether nobody else does."""
     if os.name != "posix":
         return False

@@ -460,7 +460,7 @@ def _write_draft(draft: RobotDraft, out: Path | None) -> None:
     )
 
 
-def _says(target: Path, text: str) -> bool:
+def _holds_text(target: Path, text: str) -> bool:
     """Return whether a file has this text, as where the same command was interrupted behind it."""
     try:
         return read_text(target, len(text.encode("utf-8", "backslashreplace"))) == text
@@ -470,7 +470,7 @@ def _says(target: Path, text: str) -> bool:
 
 def _save_text(text: str, target: Path, option: str = "--out") -> None:
     if target.exists() or target.is_symlink():
-        if _says(target, text):
+        if _holds_text(target, text):
             return
         raise ValueError(
             f"{option} {target}: there is such a file already, and it is not overwritten; "

@@ -75,7 +75,7 @@ def complete_calls(
     try:
         if client is not None:
             _warn_of_others(client)
-        for number, result, own in _outcomes(client, pool, function, calls, futures):
+        for number, result, own in _yield_outcomes(client, pool, function, calls, futures):
             if own is not None:
                 raise own
             yield number, result
@@ -89,7 +89,7 @@ def complete_calls(
         pool.shutdown()
 
 
-def _outcomes(
+def _yield_outcomes(
     client: Any,
     pool: Executor,
     function: Callable[..., Any],

@@ -241,10 +241,10 @@ def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
 
 def _turns(limit: ElementTree.Element) -> float:
     """Return the range of a joint [rad]; SDF's default is endless, that of a URDF is 0."""
-    return _limit(limit, "upper") - _limit(limit, "lower")
+    return _limit_number(limit, "upper") - _limit_number(limit, "lower")
 
 
-def _limit(limit: ElementTree.Element, key: str) -> float:
+def _limit_number(limit: ElementTree.Element, key: str) -> float:
     """Return a number of a <limit>; 0 where there is none."""
     word = limit.get(key, "").strip() or "0"
     try:
@@ -272,7 +272,7 @@ def _limits(root: ElementTree.Element) -> dict[str, NumbersByName]:
         limit = joint.find("limit")
         numbers = NumbersByName()
         for key in ("effort", "velocity"):
-            value = 0.0 if limit is None else _limit(limit, key)
+            value = 0.0 if limit is None else _limit_number(limit, key)
             if 0.0 < value < np.inf:
                 numbers[key] = value
         limits[joint.get("name", "")] = numbers

@@ -107,7 +107,7 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
         raise ValueError(
             f"name '{one_line(name)}' belongs to a robot that comes with the package; take another"
         )
-    document = _document(name, description, entries)
+    document = _file_document(name, description, entries)
     robot = parse_robot(document)
     spot = spot_turn(robot)
     if "drive.torque_limit" not in robot.given and spot is not None:
@@ -115,14 +115,16 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
         friction = max(_SURE_FRICTION, 1.1 * robot.friction)
         torque = float(f"{0.5 * friction * turning_torque(robot, spot):.3g}")
         source = f"assumed: enough to turn on the spot on ground of friction {friction:.2g}"
-        document = _document(name, description, {**entries, "drive.torque_limit": (torque, source)})
+        document = _file_document(
+            name, description, {**entries, "drive.torque_limit": (torque, source)}
+        )
         robot = parse_robot(document)
     heading = "".join(f"# {line}\n" for line in textwrap.wrap(_HEADING, 120))
     text = tomli_w.dumps(output.make_encodable(document))
     return RobotDraft(robot, heading + text, remarks)
 
 
-def _document(name: str, description: str, entries: Entries) -> Document:
+def _file_document(name: str, description: str, entries: Entries) -> Document:
     """Return the content of the file, as TOML has it; numbers have nine digits."""
     document: Document = {"schema": SCHEMA, "name": name}
     if description:

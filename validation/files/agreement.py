@@ -86,7 +86,7 @@ _WAYS: _Ranges = {
 }
 """The same of the forward speed."""
 _WAYS_OF_ANY: _Ranges = {**_WAYS, "wheels": (ENCODERS, 0.28, 1.0, 5.4)}
-"""The same where the radius of the wheels is taken for a Husky's."""
+"""These ranges hold where the robot is not known and its wheels are taken for a Husky's."""
 
 
 def measures(means: Means, radius: float | None) -> tuple[list[RateMeasure], list[RateMeasure]]:
@@ -217,7 +217,7 @@ def _corrections() -> Iterator[_Correction]:
         yield _Correction("handedness", ("yaw",), what, {"yaw": ("yaw", sign)}, turn)
 
 
-def _agreement(means: Means) -> float:
+def _sum_of_correlations(means: Means) -> float:
     """Return how well signs and frames agree: over all pairs, the sum of their correlations."""
     total = 0.0
     for told, share in zip(measures(means, None), _SHARES, strict=True):
@@ -242,11 +242,11 @@ def angle_between(step: NDArray[np.complex128], heading: FloatArray | float) -> 
 
 def contradictions(e: Signals) -> Iterator[LogFault]:
     """Signs, places and frames with which the signals contradict each other."""
-    now = _agreement(e.means)
+    now = _sum_of_correlations(e.means)
     gains = []
     for correction in _corrections():
         if correction.sources.keys() <= e.means.keys():
-            gain = _agreement(correction.applied(e.means)) - now
+            gain = _sum_of_correlations(correction.applied(e.means)) - now
             if gain > _GAIN:
                 gains.append((gain, correction))
     gains.sort(key=lambda pair: -pair[0])

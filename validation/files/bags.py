@@ -134,7 +134,7 @@ def _topic(key: tuple[str, str, Sequence[str]], numbers: bytes, timed: Timed, ep
 
 
 # ------------------------------------------------------------------------------------------ groups
-def _group(path: Path, role: str, topic: Topic, is_pose: bool, limits: LogLimits) -> Group:
+def _role_group(path: Path, role: str, topic: Topic, is_pose: bool, limits: LogLimits) -> Group:
     """Return a topic as the group of its role, the first sample of each stamp.
 
     Odometry that is the log's pose has that in the pose's group, other odometry in its own. A
@@ -265,7 +265,7 @@ def _groups_of(
     left_out = []
     for role in roles:
         try:
-            groups[role] = _group(path, role, topic, "pose" in roles, options.limits)
+            groups[role] = _role_group(path, role, topic, "pose" in roles, options.limits)
         except FileError as fault:
             if role not in BESIDE_MOTION or role in options.topics:
                 raise

@@ -44,7 +44,7 @@ _Ways = Sequence[Way]
 """Sums of rates from which something may follow, each times a factor."""
 
 
-def _explanations(signals: Signals) -> Iterator[tuple[tuple[str, ...], _Ways, _Ways]]:
+def _possible_origins(signals: Signals) -> Iterator[tuple[tuple[str, ...], _Ways, _Ways]]:
     """Yield columns from which poses may follow, their sums for ways and those for turns.
 
     They are the wheels and the odometry, each alone and with a gyro, and the commands.
@@ -60,7 +60,7 @@ def _explanations(signals: Signals) -> Iterator[tuple[tuple[str, ...], _Ways, _W
             yield (*names, "gyro_z"), own, [(t, turned), (t, t)]
 
 
-def _errors(
+def _window_errors(
     poses: NewPoses, speeds: _Ways, turns: _Ways, window: float
 ) -> tuple[float, float] | None:
     """Return the median errors of ways [m] and turns [rad] of a window that rates tell.
@@ -93,12 +93,14 @@ def _errors(
     spans = np.column_stack([starts, ends])[t[ends] - t[starts] < 1.2 * window]
     if len(spans) < _FEWEST:
         return None
-    along = _error(t, way, spans, speeds)
-    turned = _error(t, yaw, spans, turns)
+    along = _median_error(t, way, spans, speeds)
+    turned = _median_error(t, yaw, spans, turns)
     return None if along is None or turned is None else (along, turned)
 
 
-def _error(t: FloatArray, values: FloatArray, spans: IndexArray, ways: _Ways) -> float | None:
+def _median_error(
+    t: FloatArray, values: FloatArray, spans: IndexArray, ways: _Ways
+) -> float | None:
     """Return the median error with which (M,) values at (M,) stamps [s] follow from sums of rates.
 
     `spans` has the (W, 2) first and last samples of windows. None where the values hardly change.
@@ -126,17 +128,17 @@ def circular(e: Signals) -> Iterator[LogFault]:
     if poses is None or trust_in(poses.group.source) <= 1:
         return
     measured = False
-    for names, speeds, turns in _explanations(e):
+    for names, speeds, turns in _possible_origins(e):
         source = e.log.groups[column_of(names[0]).group].source
         own = bool(e.log.topics) and source == poses.group.source
         if own and measured:
             continue  # a localiser tells its own speed, and wheels do not follow
-        errors = _errors(poses, speeds, turns, _WINDOW_S)
+        errors = _window_errors(poses, speeds, turns, _WINDOW_S)
         measured |= errors is not None and names[0] in ENCODERS
         most = _FOLLOWS_TWIST if own else _FOLLOWS
         if errors is None or max(errors) > most:
             continue
-        noise = _errors(poses, speeds, turns, _SHORT_S)
+        noise = _window_errors(poses, speeds, turns, _SHORT_S)
         if noise is None or max(noise) < max(_NOISELESS, 0.3 * most):
             sentence = (
                 f"x, y and yaw follow from {' and '.join(names)} to "

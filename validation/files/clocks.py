@@ -160,7 +160,7 @@ def on_one_clock(
         elif k in sharing[lead] and first.goes_with(clocks[k]):
             timed.append(Timed(header != 0, clocks[k].header))
         else:
-            timed.append(_corrected(names[k], header != 0, clocks[k], first, brought))
+            timed.append(_correct_clock(names[k], header != 0, clocks[k], first, brought))
     return timed, sentence
 
 
@@ -209,7 +209,9 @@ def _bring_onto(at: Stamps, clock: _Clock, ahead: float) -> Stamps:
     return clock.header[0] + np.rint(np.interp(t, x, y) + clock.rate * beyond).astype(np.int64)
 
 
-def _corrected(name: str, kept: BoolArray, clock: _Clock, first: _Clock, brought: Stamps) -> Timed:
+def _correct_clock(
+    name: str, kept: BoolArray, clock: _Clock, first: _Clock, brought: Stamps
+) -> Timed:
     """Return a topic of another clock: with its own stamps if only the origins differ.
 
     Otherwise it has those that were `brought` onto the first clock.

@@ -277,7 +277,7 @@ def taken_by_name(header: Sequence[str]) -> dict[str, tuple[str, str]]:
 
     Of several the one from the most independent source is taken.
     """
-    plain = {name: _plain(name) for name in header}
+    plain = {name: _plain_name(name) for name in header}
     # odom_yaw, say, is a column of ours, and no yaw of a pose
     foreign = [name for name in header if column_of(name).group == "channels"]
     found = {}
@@ -310,7 +310,9 @@ def _wheels(header: Sequence[str], plain: Mapping[str, str]) -> dict[str, tuple[
     for names, others in pairs.items():
         own = {}
         for ours, side in zip(names, WHEEL_SIDES, strict=True):
-            members = [n for n in header if side_of(_parted(n)) == side and _WHEEL.search(plain[n])]
+            members = [
+                n for n in header if side_of(_split_name(n)) == side and _WHEEL.search(plain[n])
+            ]
             kept = [n for n in members if not others.search(plain[n])]
             if kept and ours not in header:
                 own[ours] = ("+".join(kept), "")
@@ -319,11 +321,11 @@ def _wheels(header: Sequence[str], plain: Mapping[str, str]) -> dict[str, tuple[
     return found
 
 
-def _plain(name: str) -> str:
+def _plain_name(name: str) -> str:
     return name.strip("/").replace("/", ".").lower()
 
 
-def _parted(name: str) -> str:
+def _split_name(name: str) -> str:
     return re.sub(r"[./]", "_", name)
 
 

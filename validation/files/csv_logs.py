@@ -112,7 +112,7 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
             the limits.
     """
     header_line, header, rows = _header(path, limits)
-    plain = _plain(path, header_line, header, limits.samples)
+    plain = _read_plain_table(path, header_line, header, limits.samples)
     return plain or _read_rows(path, header_line, header, rows, limits)
 
 
@@ -160,7 +160,9 @@ def _read_rows(
     )
 
 
-def _plain(path: Path, header_line: int, header: Sequence[str], most: float) -> CsvTable | None:
+def _read_plain_table(
+    path: Path, header_line: int, header: Sequence[str], most: float
+) -> CsvTable | None:
     """Return a large table whose cells are all finite numbers or empty; None for any other.
 
     pyarrow reads it several times as fast as what reads others with care.
@@ -344,7 +346,7 @@ def _log_of_table(table: CsvTable, options: ReadOptions, radius: float | None) -
         raise FileError(
             path, "topics names the topics of a bag; this is a table, whose columns have names"
         )
-    table, remarks = _renamed(table, options, radius)
+    table, remarks = _rename_columns(table, options, radius)
     _check_names(table)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(table.header):
@@ -390,7 +392,7 @@ def _of_columns(
     return Log.of_columns(path, columns, limits)
 
 
-def _renamed(
+def _rename_columns(
     table: CsvTable, options: ReadOptions, radius: float | None
 ) -> tuple[CsvTable, list[str]]:
     """Return a table whose columns have our names and units, and sentences on what was guessed.

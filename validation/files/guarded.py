@@ -90,7 +90,7 @@ def serve(module: str, name: str, arguments: Sequence[Any], allowance: Sequence[
     function = getattr(import_module(module), name)
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # prints of a library are no answer
-    _limit(*allowance)
+    _limit_process(*allowance)
     sys.addaudithook(_refuse_pipe)
     fault = ""
     try:
@@ -104,7 +104,7 @@ def serve(module: str, name: str, arguments: Sequence[Any], allowance: Sequence[
     output.close()
 
 
-def _limit(seconds: float, memory: int, disk: int) -> None:
+def _limit_process(seconds: float, memory: int, disk: int) -> None:
     """Limit what this process uses from now on; the arguments are those of `Allowance`."""
     end = time.process_time() + seconds
     if os.name != "posix":

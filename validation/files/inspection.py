@@ -287,10 +287,10 @@ def _find_lacks(signals: Signals) -> Iterator[str]:
     elif extent < _STANDS:
         yield "the robot only turns on the spot: drive ahead and curves too"
     else:
-        yield from _monotonous(speed, rate)
+        yield from _uniform_motions(speed, rate)
 
 
-def _monotonous(speed: FloatArray, rate: FloatArray) -> Iterator[str]:
+def _uniform_motions(speed: FloatArray, rate: FloatArray) -> Iterator[str]:
     """Yield what is too uniform in (N,) speeds [m/s] and yaw rates [rad/s] of a log."""
     moving = speed > _SLOW
     if np.mean(moving) < 0.2 and np.percentile(speed, 98.0) < 2.0 * _SLOW:

@@ -219,7 +219,7 @@ def find_jumps(poses: NewPoses | None, wheels: Told | None) -> Jumps | None:
         stalled |= change < 0.5 * expected * dt
         excess = change - _FASTER * most * dt - least
         beyond |= excess > 0.0
-        late_by = _missed(t, expected * dt, change) + _STAMPS_S * (most - _SLOW)
+        late_by = _missed_change(t, expected * dt, change) + _STAMPS_S * (most - _SLOW)
         jumped |= excess > np.where(most > _SLOW, late_by, 0.0)
     inside = np.diff(piece) == 0
     at = np.flatnonzero(jumped & inside)
@@ -238,7 +238,7 @@ def find_jumps(poses: NewPoses | None, wheels: Told | None) -> Jumps | None:
     )
 
 
-def _missed(t: FloatArray, expected: FloatArray, change: FloatArray) -> FloatArray:
+def _missed_change(t: FloatArray, expected: FloatArray, change: FloatArray) -> FloatArray:
     """Return (K - 1,) the change that a stall left out in `_STALL_S` before each step.
 
     `t` are the (K,) instants between which the steps lie [s], `expected` and `change` the (K - 1,)

@@ -137,7 +137,7 @@ def estimate_offsets(signals: Signals) -> list[Offset]:
     reference, *others = [name for name in SENSORS if name in turning] or [""]
     offsets = []
     for name in others:
-        lag = _lag(turning[reference], turning[name])
+        lag = _delay_between(turning[reference], turning[name])
         comes_after = name == "cmd" and has_no_stamps and lag is not None and lag[0] > 0.0
         if lag is not None and not comes_after:
             offsets.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
@@ -167,7 +167,7 @@ def _position_offset(
     # the heading at the time of a position is known once the delay between them is
     for _ in range(3):
         yaw = np.interp(middle + yaw_delay - lag[0], poses.t, poses.pose[:, 2])
-        found = _lag(speed, _of_steps(poses, jumped, x * np.cos(yaw) + y * np.sin(yaw)))
+        found = _delay_between(speed, _of_steps(poses, jumped, x * np.cos(yaw) + y * np.sin(yaw)))
         if found is None:
             return None
         lag = found
@@ -213,7 +213,7 @@ def _moved(poses: NewPoses, jumped: BoolArray, position: float, yaw: float) -> G
     return replace(group, t=group.t - position, columns=columns).where(keep)
 
 
-def _lag(a: _Rate, b: _Rate) -> tuple[float, float, float | None] | None:
+def _delay_between(a: _Rate, b: _Rate) -> tuple[float, float, float | None] | None:
     """Return the delay of b behind a [s], the correlation there and the standard error [s].
 
     None if the two are too short, or not correlated.

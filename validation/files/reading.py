@@ -177,7 +177,7 @@ def _parse_toml(text: str, name: str) -> dict[str, Any]:
     """
     try:
         document = tomllib.loads(text)
-        _check(document)
+        _refuse_large_numbers(document)
     except (ValueError, RecursionError) as error:
         why = "tables and lists lie too deep inside one another"
         if isinstance(error, ValueError):
@@ -186,13 +186,13 @@ def _parse_toml(text: str, name: str) -> dict[str, Any]:
     return document
 
 
-def _check(value: Any) -> None:
+def _refuse_large_numbers(value: Any) -> None:
     """Refuse numbers that are too large."""
     if isinstance(value, int) and abs(value) >= _WHOLE:
         raise ValueError("a whole number has more than 64 bits")
     if isinstance(value, dict | list):
         for part in value.values() if isinstance(value, dict) else value:
-            _check(part)
+            _refuse_large_numbers(part)
 
 
 def typed(table: Any, kinds: Mapping[str, Any], where: str = "") -> dict[str, Any]:

@@ -205,8 +205,8 @@ def window_means(every: Mapping[str, Group], told: Mapping[str, Way]) -> Means:
     bases = list[FloatArray]()
     for group in groups:
         ways = {name: told[name] for name in group.columns if name in told}
-        at = middles + (_lag(ways, middles, bases, unit) if means else 0.0)
-        means |= _means(ways, at, unit)
+        at = middles + (_group_delay(ways, middles, bases, unit) if means else 0.0)
+        means |= _window_means(ways, at, unit)
         usable &= ~group.in_gaps(at, -0.5 * unit)
         if means and not bases:
             rates = np.column_stack(list(means.values()))
@@ -217,7 +217,9 @@ def window_means(every: Mapping[str, Group], told: Mapping[str, Way]) -> Means:
     return {name: values[usable] for name, values in means.items()}
 
 
-def _means(ways: Mapping[str, Way], middles: FloatArray, window: float) -> dict[str, FloatArray]:
+def _window_means(
+    ways: Mapping[str, Way], middles: FloatArray, window: float
+) -> dict[str, FloatArray]:
     """Return the channels over a `window` [s] around the (N,) middles [s]."""
     low = middles - 0.5 * window
     high = middles + 0.5 * window
@@ -229,7 +231,7 @@ def _means(ways: Mapping[str, Way], middles: FloatArray, window: float) -> dict[
     return means
 
 
-def _lag(
+def _group_delay(
     ways: Mapping[str, Way], middles: FloatArray, bases: Sequence[FloatArray], unit: float
 ) -> float:
     """Return the delay of a group's columns [s] at which the others explain most of them.
@@ -242,7 +244,7 @@ def _lag(
         return float(np.sum((values @ basis) ** 2)) / max(float(values @ values), 1e-12)
 
     def explained(lag: float) -> float:
-        means = _means(ways, middles + unit * lag, unit)
+        means = _window_means(ways, middles + unit * lag, unit)
         rates = [means[name] for name in means if name not in ("x", "y", "heading")]
         of_speed = 0.0
         if {"x", "y"} <= means.keys():

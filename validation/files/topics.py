@@ -167,9 +167,9 @@ def _best_pose(
             against = "is a goal by its name"
         elif extent < _MOVED_M and (moves or topic.type in ROLES["odom"].types):
             against = "stands still"
-        elif max(_evidence(topic, chosen).likeness(), default=1.0) < _ALIKE:
+        elif max(_signals_of_poses(topic, chosen).likeness(), default=1.0) < _ALIKE:
             against = "tells another motion than the wheels"
-        elif "wheels" in chosen and any(circular(_evidence(topic, chosen))):
+        elif "wheels" in chosen and any(circular(_signals_of_poses(topic, chosen))):
             against = "follows from the wheels alone"
             trust += 5.0
         # what lies between transforms is odometry
@@ -199,20 +199,20 @@ def _extent(topic: Topic) -> float:
     return max(spans)
 
 
-def _evidence(poses: Topic, chosen: Mapping[str, Topic]) -> Signals:
+def _signals_of_poses(poses: Topic, chosen: Mapping[str, Topic]) -> Signals:
     """Return what a topic of poses tells, and the wheels beside it, or else the odometry."""
-    groups = {"pose": _group(poses, {name: name for name in POSE_COLUMNS})}
+    groups = {"pose": _named_group(poses, {name: name for name in POSE_COLUMNS})}
     for role, names in (
         ("wheels", dict(zip(ENCODERS, ENCODERS, strict=True))),
         ("odom", _ODOMETRY),
     ):
         topic = chosen.get(role)
         if len(groups) < 2 and topic is not None and topic is not poses:
-            groups[role] = _group(topic, names)
+            groups[role] = _named_group(topic, names)
     return Signals(Log(Path(poses.name), groups))
 
 
-def _group(topic: Topic, names: Mapping[str, str]) -> Group:
+def _named_group(topic: Topic, names: Mapping[str, str]) -> Group:
     """Return columns of a topic by our names."""
     columns = {}
     for ours, theirs in names.items():

@@ -118,10 +118,10 @@ def _predict_currents(
         return drawn if sensor.signed else np.maximum(drawn, 0.0)
     if not sensor.signed:
         return np.abs(current)
-    return current * _ahead(_READING_RULES[rule][1], some.rates)
+    return current * _drive_direction(_READING_RULES[rule][1], some.rates)
 
 
-def _ahead(sign: Sign, rates: FloatArray) -> FloatArray:
+def _drive_direction(sign: Sign, rates: FloatArray) -> FloatArray:
     """Return 1 where what a log shows drives a wheel forward if it is positive, and else -1."""
     if sign == "driving":
         return np.where(rates < 0.0, -1.0, 1.0)
@@ -261,8 +261,8 @@ def _torques_of(
         shows = current > fit.sensor.idle + _CLEARLY * fit.sensor.ripple
         current = np.where(shows, current, np.nan)
     scale = 1.0 if battery else constant
-    forward = _ahead("driving", log.rates)
-    ahead = scale * current * forward * _ahead(fit.sign, log.rates)
+    forward = _drive_direction("driving", log.rates)
+    ahead = scale * current * forward * _drive_direction(fit.sign, log.rates)
     if battery:
         ahead = battery_torque(
             current * some.voltages, np.abs(log.rates), x["heat"], x["efficiency"]

@@ -47,8 +47,8 @@ def test_nothing_waits_for_a_pipe(tmp_path: Path) -> None:
 def test_a_process_without_limits_watches_its_own_time() -> None:
     """As on Windows."""
     code = (
-        "import os; os.name = 'other'; from validation.files.guarded import _limit; "
-        "_limit(0.2, 0, 0); from tests.child_work import spin; spin()"
+        "import os; os.name = 'other'; from validation.files.guarded import _limit_process; "
+        "_limit_process(0.2, 0, 0); from tests.child_work import spin; spin()"
     )
     ended = subprocess.run([sys.executable, "-c", code], check=False)
     assert ended.returncode == guarded._SPENT

@@ -89,7 +89,7 @@ _PATH_METRICS: tuple[_PathMetric, ...] = (
             unit="m",
             direction="low",
             meaning="root mean square, over the reference's samples, of the distance to the "
-            "closest sample of the robot's path; one-sided: leaving the reference's path after "
+            "robot's path; one-sided: leaving the reference's path after "
             "having covered it costs nothing",
         ),
         lambda m, sync: m.d_rms,

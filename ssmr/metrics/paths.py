@@ -6,26 +6,24 @@ Algorithm 2 use it:
 
 - ratios are candidate / reference: d_ratio = 1.0312 says that the simulated path is 3.12 % longer
 than the real one;
-- d_rms and d_haus are one-sided, from each sample of the reference to the closest sample of the
-  candidate: Algorithm 2 loops over the points of the reference trajectory. They do not punish a
-  candidate that covers the reference and then strays; the `_symmetric` metrics take both
-  directions, and do.
+- d_rms and d_haus are one-sided, from each sample of the reference to the candidate's path:
+  Algorithm 2 loops over the points of the reference trajectory. They do not punish a candidate that
+  covers the reference and then strays; the `_symmetric` metrics take both directions, and do.
 
-Distances are between samples, as printed, not between curves: a path sampled every h keeps a floor
-of up to h / 2.
+The candidate's path is the polyline through its samples. Algorithm 2 goes to the closest sample
+instead: samples h apart keep a floor of up to h / 2 between equal paths, and a distance that jumps
+from sample to sample is no cost that a search can descend.
 
 Kernels read columns 0 and 1 of their arguments, so (M, 3) poses serve as paths without a copy.
 
-For the search for the closest sample, the path is cut into leaves of `_LEAF` consecutive samples. A
-leaf has a box, the least that holds its samples, and so has every two neighbouring leaves, every
-two such pairs, and so on up to the whole path: a tree of boxes, because a path is mostly near
-itself. Consecutive points lie close together too, so `_BATCH` of them go down that tree at once,
-and take the nearest samples from each leaf that they enter.
+For the search for the closest segment, the path is cut into leaves of `_LEAF` consecutive segments.
+A leaf has a box, the least that holds them, and so has every two neighbouring leaves, every two
+such pairs, and so on up to the whole path: a tree of boxes, because a path is mostly near itself.
+Consecutive points lie close together too, so `_BATCH` of them go down that tree at once, and take
+the nearest segments from each leaf that they enter.
 
 A box is passed over where even its nearest edge is as far from the box of the batch as each point's
-closest sample yet. Subtraction, multiplication and addition round monotonically, so the computed
-distance of boxes is never more than that of a point and a sample in them: the answer is that of the
-search over all pairs, to the last bit, with no slack.
+closest segment yet: the answer is that of the search over all pairs, but for rounding.
 """
 
 from __future__ import annotations
@@ -46,6 +44,8 @@ LENGTH_FLOOR = 1e-3
 """A path shorter than this has no length to compare with [m]: a robot that stands still."""
 BENDING_FLOOR = 1e-3
 """A path of less bending energy is straight [1/m]: 10 m along a circle of 100 m radius."""
+_NO_LENGTH = 1e-300
+"""A segment of less squared length is a point [m^2]."""
 LARGEST = 1e75
 """Coordinates beyond this count as not finite [m]: their fourth powers would overflow."""
 
@@ -203,7 +203,7 @@ def bend_ratio_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> flo
 class PathMeasures(NamedTuple):
     """All that the metrics of two paths are made of."""
 
-    d_rms: float  # root mean square distance from the reference to the closest samples [m]
+    d_rms: float  # root mean square distance from the reference's samples to the path [m]
     d_haus: float  # the largest of those distances [m]
     d_rms_symmetric: float  # root of the mean of both directions' mean squares [m]
     d_haus_symmetric: float  # the larger of both directions' largest distances [m]
@@ -234,7 +234,7 @@ def measure_paths(candidate: FloatArray, reference: FloatArray) -> PathMeasures:
     )
 
 
-_LEAF = 16  # samples of a leaf; of 8, 16 and 32 the fastest for 2500 samples
+_LEAF = 16  # segments of a leaf; of 8, 16 and 32 the fastest for 2500 samples
 _BATCH = 32  # points of a batch; of 8, 16 and 32 the fastest for 2500 samples
 _DEEP = 128  # room for nodes that wait, two of each level at most: more than any tree in memory has
 
@@ -253,19 +253,54 @@ def _stretch_box(box: _Box, x: float, y: float) -> _Box:
 
 
 @jit
-def _enter_leaf(x: FloatArray, y: FloatArray, first: int, batch: FloatArray) -> float:
-    """Update squares of a batch's distances by the leaf of samples from `first` on.
+def squared_distance(x: float, y: float, segment: FloatArray) -> tuple[float, float, float]:
+    """Return the squared distance of a place from a segment, and the vector to its nearest point.
+
+    The segment is a row of x and y of its beginning, x and y of its way to the end [m], and the
+    inverse of the square of its length [1/m^2], 0 for one without a length.
+    """
+    to_x = segment[0] - x
+    to_y = segment[1] - y
+    share = -(to_x * segment[2] + to_y * segment[3]) * segment[4]
+    share = min(max(share, 0.0), 1.0)
+    to_x += share * segment[2]
+    to_y += share * segment[3]
+    return to_x * to_x + to_y * to_y, to_x, to_y
+
+
+@jit_alone
+def path_segments(path: FloatArray) -> FloatArray:
+    """Return the (M, 5) segments of an (M, 2) or wider path, see `squared_distance`.
+
+    The last sample is one without a length, so that each lies on the path to the last bit.
+    """
+    out = np.zeros((len(path), 5))
+    for j in range(len(path)):
+        k = min(j + 1, len(path) - 1)
+        step_x = path[k, 0] - path[j, 0]
+        step_y = path[k, 1] - path[j, 1]
+        square = step_x * step_x + step_y * step_y
+        out[j, 0] = path[j, 0]
+        out[j, 1] = path[j, 1]
+        out[j, 2] = step_x
+        out[j, 3] = step_y
+        # the inverse of a length of 1e-160 m would be infinite
+        if square > _NO_LENGTH:
+            out[j, 4] = 1.0 / square
+    return out
+
+
+@jit
+def _enter_leaf(segments: FloatArray, first: int, batch: FloatArray) -> float:
+    """Update squares of a batch's distances by the leaf of segments from `first` on.
 
     `batch` holds x, y and squared distance of each point, in three rows one after the other. The
     largest square is returned [m^2].
     """
-    for j in range(first, first + _LEAF):
-        sample_x = x[j]
-        sample_y = y[j]
+    for j in range(first, min(first + _LEAF, len(segments))):
+        segment = segments[j]
         for i in range(_BATCH):  # becomes vector instructions
-            dx = batch[i] - sample_x
-            dy = batch[_BATCH + i] - sample_y
-            square = dx * dx + dy * dy
+            square, _, _ = squared_distance(batch[i], batch[_BATCH + i], segment)
             least = batch[2 * _BATCH + i]
             batch[2 * _BATCH + i] = square if square < least else least
     largest = 0.0
@@ -275,28 +310,25 @@ def _enter_leaf(x: FloatArray, y: FloatArray, first: int, batch: FloatArray) -> 
 
 
 @jit
-def _grow_tree(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-    """Return the tree of a path: its number of leaves, the boxes of all nodes, and x and y.
+def _grow_tree(path: FloatArray) -> tuple[int, FloatArray]:
+    """Return the tree over a path's segments: its number of leaves, and the boxes of all nodes.
 
     The leaves are a power of two. Node 1 is the whole path, and node n has the children 2 n and
-    2 n + 1. A row of the boxes is a `_Box`. The last leaf is filled up with the last sample; the
-    box of a leaf without samples is infinitely far from anywhere.
+    2 n + 1. A row of the boxes is a `_Box`; that of a leaf without segments is infinitely far from
+    anywhere.
     """
-    m = path.shape[0]
-    used = (m + _LEAF - 1) // _LEAF
+    count = len(path)
     leaves = 1
-    while leaves < used:
+    while leaves * _LEAF < count:
         leaves *= 2
     boxes = np.empty((2 * leaves, 4))
-    x = np.empty(used * _LEAF)
-    y = np.empty(used * _LEAF)
     for leaf in range(leaves):
         box = _EMPTY
-        for j in range(leaf * _LEAF, min(leaf + 1, used) * _LEAF):
-            k = min(j, m - 1)
-            x[j] = path[k, 0]
-            y[j] = path[k, 1]
-            box = _stretch_box(box, x[j], y[j])
+        first = leaf * _LEAF
+        if first < count:
+            # the last segment ends where the next leaf begins
+            for j in range(first, min(first + _LEAF, count - 1) + 1):
+                box = _stretch_box(box, path[j, 0], path[j, 1])
         for side, number in enumerate(box):
             boxes[leaves + leaf, side] = number
     for node in range(leaves - 1, 0, -1):
@@ -305,7 +337,7 @@ def _grow_tree(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArra
         for low in (0, 2):
             boxes[node, low] = min(one[low], other[low])
             boxes[node, low + 1] = max(one[low + 1], other[low + 1])
-    return leaves, boxes, x, y
+    return leaves, boxes
 
 
 @jit
@@ -337,11 +369,12 @@ def _gather_points(points: FloatArray, first: int, count: int, batch: FloatArray
 def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
     """Return (N,) squares of the distances from (N, 2) points to an (M, 2) path [m^2].
 
-    A distance is that to the closest sample. The nearer of two boxes is entered first, after the
+    A distance is that to the closest segment. The nearer of two boxes is entered first, after the
     leaf that the last batch ended in. There must be a sample, and all numbers must be finite.
     """
     n = points.shape[0]
-    leaves, boxes, x, y = _grow_tree(path)
+    leaves, boxes = _grow_tree(path)
+    segments = path_segments(path)
     out = np.empty(n)
     batch = np.empty(3 * _BATCH)
     nodes = np.empty(_DEEP, dtype=np.int64)
@@ -351,7 +384,7 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
         count = min(_BATCH, n - first)
         box = _gather_points(points, first, count, batch)
         begun = latest
-        bound = _enter_leaf(x, y, begun * _LEAF, batch)
+        bound = _enter_leaf(segments, begun * _LEAF, batch)
         nodes[0] = 1
         gaps[0] = 0.0
         waiting = 1
@@ -371,7 +404,7 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
                         waiting += 1
                 continue
             before = batch[2 * _BATCH + count - 1]
-            bound = _enter_leaf(x, y, (node - leaves) * _LEAF, batch)
+            bound = _enter_leaf(segments, (node - leaves) * _LEAF, batch)
             if batch[2 * _BATCH + count - 1] < before:
                 latest = node - leaves
         for i in range(count):

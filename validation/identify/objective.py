@@ -13,7 +13,12 @@ import numpy as np
 
 from ssmr._jit import jit_alone, share_among_threads
 from ssmr.geometry import relative_pose, wrap_angle
-from ssmr.metrics.paths import one_sided_kernel, path_length
+from ssmr.metrics.paths import (
+    one_sided_kernel,
+    path_length,
+    path_segments,
+    squared_distance,
+)
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, Trajectory
@@ -221,30 +226,19 @@ def _path_offsets(poses, truth, every, out):
     The true positions are every `every`-th of (M, 3) poses.
     """
     for i in range(len(poses)):
-        path = poses[i]
+        segments = path_segments(poses[i])
         for k in range(out.shape[1]):
-            x = truth[k * every, 0]
-            y = truth[k * every, 1]
             best = math.inf
             # stays NaN where the candidate's path is NaN
             out[i, k] = math.nan
-            for j in range(len(path) - 1):
-                ax = path[j, 0] - x
-                ay = path[j, 1] - y
-                bx = path[j + 1, 0] - path[j, 0]
-                by = path[j + 1, 1] - path[j, 1]
-                length = bx * bx + by * by
-                # a robot that stands makes segments without a length
-                share = 0.0
-                if length > 0.0:
-                    share = min(max(-(ax * bx + ay * by) / length, 0.0), 1.0)
-                dx = ax + share * bx
-                dy = ay + share * by
-                distance = dx * dx + dy * dy
-                if distance < best:
-                    best = distance
-                    out[i, k, 0] = dx
-                    out[i, k, 1] = dy
+            for segment in segments:
+                square, to_x, to_y = squared_distance(
+                    truth[k * every, 0], truth[k * every, 1], segment
+                )
+                if square < best:
+                    best = square
+                    out[i, k, 0] = to_x
+                    out[i, k, 1] = to_y
 
 
 class PathRater(_SyncRater):

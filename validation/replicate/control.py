@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from scipy.spatial import cKDTree
 
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
@@ -71,7 +72,7 @@ K_11 = 4.0
 """Supposed gain of the LQR from the error along the path to speed [1/s]."""
 K_33 = 2.75
 """Supposed gain of the LQR from the error of heading to yaw rate [1/s]."""
-_LOGGED = f"the simulated path was logged at {PATH_RATE_HZ:g} Hz"
+_LOGGED = f"the simulated path was logged at {PATH_RATE_HZ:g} Hz, and distances go to its samples"
 _DRIVEN = (
     f"the LQR drove with K_11 = {K_11:g} and K_33 = {K_33:g} 1/s and no weight on the rates, "
     "instead of the manual column of Tab. 4.21"
@@ -184,7 +185,11 @@ def measure_draw(number: str, seed: int, supposed: bool = False) -> Row:
         motion = supposed_path(motion)
     if any(robot.run.lost for robot in robots):
         return {}
-    metrics = compare_paths(motion, judge)
+    metrics = dict(compare_paths(motion, judge))
+    if supposed:
+        apart, _ = cKDTree(motion.xy).query(judge.xy)
+        metrics["d_rms_m"] = math.sqrt(np.mean(apart**2))
+        metrics["d_haus_m"] = float(apart.max())
     return {name: metrics[name] for name in RULE_OF}
 
 

@@ -105,8 +105,8 @@ def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> Non
     page = (tmp_path / "calibrate.html").read_text()
     headings = re.findall(r"<h\d>(.*?)</h\d>", page)
     assert headings[1:4] == [
-        "Paths that no fit has seen",
-        "Error of the relative pose on data that no fit has seen, and how sure that is",
+        "Paths of unseen data",
+        "Error of the relative pose on unseen data, and how sure that is",
         "kinematic driven by measured wheel rates, fitted",
     ]
     assert headings[-3:] == ["Faults of the log", "Notes", "What to do next"]

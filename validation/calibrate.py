@@ -11,40 +11,41 @@ if __name__ == "__main__":
     end_quietly()
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import tyro
 
-from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import CommandKind
 from validation import cli, output
 from validation.compare import compare
 from validation.experiment.gyro import with_gyro
-from validation.experiment.scores import HEADLINE_HORIZON, signed_windows
-from validation.experiment.sources import Source, source_of, unknown_robot_notes
-from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
+from validation.experiment.scores import band_of
+from validation.experiment.sources import source_of, unknown_robot_notes
 from validation.files.formats import AnyLog, log_name, profile_of_log
 from validation.files.inspection import Inspected, open_log
-from validation.files.log import Log, LogFault, ReadOptions
+from validation.files.log import LogFault, ReadOptions
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify.beginning import FIRST_FITTED
+from validation.identify.inputs import choose_inputs
+from validation.identify.judging import held_out_scores
 from validation.identify.targets import Input, distinct_names, file_of, split_ground, without_ground
+from validation.identify.verdict import Fold, divide_logs, is_better, list_objections, turn_share
 from validation.output import Progress, file_name, one_line, said_once
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.searchable import OF_A_LOG, make_space
+from validation.plants.searchable import OF_A_LOG, find_number, make_space
 from validation.plants.table import PLANTS, plant_kind
 from validation.report import drawing
 from validation.report.columns import Unit
 from validation.report.comparison import Comparison
 from validation.report.motions import interval_table
 from validation.report.page import calibration_page
-from validation.report.report import FINISHED, Report
+from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
 from validation.robots import export_robot
 
@@ -60,12 +61,6 @@ _WIDER = {*_ESSENTIAL, "drift", "position_late", "yaw_late"} - {"tracked_yaw"}
 """Numbers whose bounds are widened once where they are hit."""
 _WIDENED = 0.5
 """Share of the bounds' width by which a bound that is hit is moved once [1]."""
-_EXPLAINED = 0.5
-"""Share of the way at which an error says that the inputs do not explain the motion [1]."""
-_TRAINED = 2.0 / 3.0
-"""Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""
-# share of time without a command in which wheels may turn [1]; beyond it commands say little
-_UNCOMMANDED = 0.05
 _DRIVER = (
     *("command_radius", "command_half_track", "delay"),
     *("acceleration_v", "acceleration_w", "wheel_lag"),
@@ -88,8 +83,9 @@ class Calibrate(cli.Common, ReadOptions):
     plants: Sequence[str] = (FIRST_FITTED, "mujoco")
     """Plants to calibrate, separated by commas; kinematic is always among them."""
     held_out: AnyLog | None = None
-    """Log to judge on, with the mean localiser of the others, which are fitted as a whole. The last
-    third of each log if not given."""
+    """Log to judge on, with the mean localiser of the others; it is not among the data that are
+    fitted to. If not given, each of several logs judges a fit to the others, and of a single log
+    each third of the time in motion."""
     trust: bool = False
     """Fit even where columns seem to have a wrong sign, place, unit or frame."""
 
@@ -120,6 +116,11 @@ class Calibrate(cli.Common, ReadOptions):
         """Name of the logs in names of files."""
         label = file_name(Path(self.names[0]).stem)
         return label if len(self.names) == 1 else f"{label}-and-{len(self.names) - 1}"
+
+    def plans(self, inputs: Iterable[Input]) -> list[tuple[str, Input]]:
+        """Return the plants and inputs of the fits, in their order."""
+        others = [plant for plant in self.plants if plant != FIRST_FITTED]
+        return list(product([FIRST_FITTED, *others], inputs))
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
@@ -159,7 +160,7 @@ def _say_verdict(f: Fitted) -> str:
     if not f.better:
         kept = f"keeps the old numbers: {f.worse[0].rstrip('.')}"
     return (
-        f"{_fit_label(f)}: {errors[1]} off after {horizon:g} s of new data, {errors[0]} before. "
+        f"{_fit_label(f)}: {errors[1]} off after {horizon:g} s of unseen data, {errors[0]} before. "
         f"profile.toml {kept}."
     )
 
@@ -175,23 +176,6 @@ def _correlation_table(f: Fitted) -> Table:
     return Table(f"{_fit_label(f)}, correlations", rows, units=units, headings=headings)
 
 
-def _turns_worse(now: OverlappingErrors, was: OverlappingErrors) -> bool:
-    """Return whether headings are worse by more than chance."""
-    return now.yaw_median_rad > was.yaw_high_rad and now.yaw_low_rad > was.yaw_median_rad
-
-
-def _turn_share(kept: Comparison, plant: str) -> float:
-    """Return by which share a plant turns more than the robot."""
-    driven = with_gyro(kept.source).driven(kept.runs[plant].motions)
-    product = 0.0
-    square = 0.0
-    for path, i, j, error in signed_windows(driven, HEADLINE_HORIZON):
-        turned = path[j, 2] - path[i, 2] - error[:, 2]
-        product += float(error[:, 2] @ turned)
-        square += float(turned @ turned)
-    return product / max(square, 1e-9)
-
-
 def _turn_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
     """Return a sentence on each plant that turns worse than the kinematic one, beyond chance.
 
@@ -203,39 +187,19 @@ def _turn_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
     for f in fits:
         scored = f.judged["after"]
         assert scored.headline is not None
+        first = firsts[f.options["input"]]
         now = scored.overlapping[scored.headline]
-        was = firsts[f.options["input"]].judged["after"].overlapping[scored.headline]
-        if _turns_worse(now, was):
+        was = first.judged["after"].overlapping[scored.headline]
+        windows = [f.judged["after"].windows[scored.headline].yaw for f in (first, f)]
+        if is_better(windows[0], windows[1], scored.headline):
             size = f"{now.yaw_median_rad:.3f} rad for {was.yaw_median_rad:.3f}"
-            share = _turn_share(kept, f.model)
+            share = turn_share(with_gyro(kept.source).driven(kept.runs[f.model].motions))
             notes.append(
                 f"{_fit_label(f)}: headings are worse than those of {FIRST_FITTED} by more than "
                 f"chance, {size}. By {kept.options['input']} it turns {1.0 + share:.3f} times as "
                 "much as the robot there."
             )
     return notes
-
-
-def _list_objections(f: Fitted, way: float) -> list[str]:
-    """Return why the numbers of a fit are not to be used; `way` is that of the robot in 6 s [m]."""
-    before, after = f.judged.values()
-    assert after.headline is not None
-    was = before.overlapping[after.headline]
-    now = after.overlapping[after.headline]
-    objections = [] if f.better else ["the fit is no better"]
-    if now.position_median_m > was.position_high_m and now.position_low_m > was.position_median_m:
-        objections.append("positions are worse, by more than chance")
-    if _turns_worse(now, was):
-        objections.append("headings are worse, by more than chance")
-    if now.position_median_m > _EXPLAINED * way:
-        objections.append(
-            f"its {f.options['input']} do not explain the motion: the error is "
-            f"{now.position_median_m:.2f} m on a way of {way:.2f} m"
-        )
-    at_bound = [p.name for p in f.parameters if p.at_bound and p.name in _ESSENTIAL]
-    if at_bound:
-        objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")
-    return objections
 
 
 def _widen_bounds(f: Fitted) -> dict[str, tuple[float, float]]:
@@ -256,18 +220,6 @@ def _widen_bounds(f: Fitted) -> dict[str, tuple[float, float]]:
     return bounds
 
 
-def _usual_way(logs: Sequence[Log]) -> float:
-    """Return the median way of a robot that moves in the time of the headline's horizon [m]."""
-    ways = [np.zeros(0)]
-    for log in logs:
-        grid = np.arange(log.t[0], log.t[-1], 1.0)
-        places = [np.interp(grid, log.t, values) for values in log.table(POSE_COLUMNS).T[:2]]
-        driven = np.cumulative_sum(np.hypot(*np.diff(places)), include_initial=True)
-        ways.append(driven[round(HEADLINE_HORIZON) :] - driven[: -round(HEADLINE_HORIZON)])
-    moves = np.concatenate(ways)
-    return float(np.median(moves[moves > 0.1])) if np.any(moves > 0.1) else 0.0
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Calibrated(Report):
     """A calibrated robot."""
@@ -286,8 +238,10 @@ class Calibrated(Report):
     """Sentences on what is wrong with the logs, what they are taken for, and what was not
     fitted."""
     kept: Comparison
-    """The calibrated simulations along data that no fit has seen, of the first log if none was held
-    out."""
+    """The simulations along the last part that judged the fits, by the fits that had not seen
+    it."""
+    judged_on: str
+    """What judged the fits, in words."""
 
     @property
     def profile(self) -> Profile:
@@ -328,7 +282,7 @@ class Calibrated(Report):
             for when, scored in f.judged.items():
                 errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
         table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
-        title = "Error of the relative pose on data that no fit has seen, and how sure that is"
+        title = "Error of the relative pose on unseen data, and how sure that is"
         return [replace(table, title=title), *values]
 
     def page(self) -> str:
@@ -339,13 +293,12 @@ class Calibrated(Report):
         return calibration_page(self, self.kept, tables, [fault.sentence for fault in self.faults])
 
     def verdict(self) -> str:
-        """Return which fits are better on data that they have not seen."""
+        """Return which fits are better on data that they have not seen, and what judged them."""
         better = ", ".join(_fit_label(f) for f in self.fits if f.better)
         worse = ", ".join(_fit_label(f) for f in self.fits if not f.better)
-        words = [
-            f"profile.toml has new numbers of {better}: better on data that no fit has seen."
-        ] * bool(better)
+        words = [f"profile.toml has new numbers of {better}: better on unseen data."] * bool(better)
         words += [f"It keeps the old numbers of {worse}: the fit is no better."] * bool(worse)
+        words.append(f"Judged were {self.judged_on}; the numbers that are written come from all.")
         return " ".join(words)
 
     def notes(self) -> list[str]:
@@ -368,6 +321,8 @@ class Calibrated(Report):
             "log": ",".join(self.asked.names),
             "robot": self.profile.robot.name,
             "seed": self.seed,
+            "judged_on": self.judged_on,
+            "written_from": "all",
             "faults": list(map(asdict, self.faults)),
             "plants": plants,
         }
@@ -416,29 +371,29 @@ def calibrate(o: Calibrate) -> Calibrated:
     notes: list[str] = []
     faults: list[LogFault] = []
     inputs: list[Input] = ["wheels", "commands"]
-    for inspected in opened.values():
-        own, own_notes = _find_inputs(o, inspected)
-        inputs = [each for each in inputs if each in own]
+    for name, inspected in opened.items():
         found = inspected.faults.named
+        opened[name], own, own_notes = choose_inputs(inspected, o.trust, cli.warn_user)
+        inputs = [each for each in inputs if each in own]
         faults += found
         sentences = [*(f"{fault.sentence}." for fault in found), *own_notes]
         notes += [f"{inspected.log.name}: {sentence}" for sentence in sentences]
     if not inputs:
         raise ValueError("no input, wheel rates or commands, is in all logs")
     kinds: dict[Input, CommandKind] = {"wheels": "wheels", "commands": "twist"}
-    sources = {each: _divide_logs(opened, held, kinds[each]) for each in inputs}
+    folds = {each: divide_logs(opened, held, kinds[each]) for each in inputs}
     if o.profile is None and o.robot is None:
         whole = source_of(opened[names[0]], split_ground(names[0])[0], kinds[inputs[0]])
         unknown = unknown_robot_notes(whole, robot)
         for warning in unknown[1:]:
             cli.warn_user(warning)
         notes += unknown
-    judging = [each.common for each in (held or opened).values()]
-    fits = _fit_all(o, profile, sources, _usual_way(judging))
-    unseen = sources[inputs[0]][1][0]
+    fits, unseeing = _fit_all(o, profile, folds)
+    first = folds[inputs[0]]
+    unseen = first[_judge_of(first)][1][0]
     kept = compare(
         replace(unseen, name=split_ground(unseen.name)[0]),
-        fits[-1].profile,
+        unseeing,
         tuple(dict.fromkeys(f.model for f in fits)),
         input=inputs[0],
         bands=True,
@@ -449,95 +404,170 @@ def calibrate(o: Calibrate) -> Calibrated:
         kept=kept,
         title=one_line(f"{robot.title or robot.name}, calibrated with {with_logs}"),
         options={"plants": o.plants, "held_out": next(iter(held), None), "trust": o.trust},
-        status=fits[-1].status,
+        status=fits[-1].status if len(fits) == len(o.plans(inputs)) else INTERRUPTED,
         asked=o,
         seed=o.seed,
         faults=faults,
         fits=fits,
         remarks=notes,
+        judged_on=_judged_on(o),
     )
 
 
-_Divided = tuple[list[Source], tuple[Source, ...]]
-"""The sources that fits see, and those that judge them."""
-
-
-def _divide_logs(
-    opened: Mapping[str, Inspected], held: Mapping[str, Inspected], kind: CommandKind
-) -> _Divided:
-    """Return the logs as sources: to fit to, and the one that is held out, or the ends of all."""
-    train = []
-    judges = [source_of(inspected, name, kind) for name, inspected in held.items()]
-    for name, inspected in opened.items():
-        t = inspected.common.t
-        end = None if held else float(t[0] + _TRAINED * float(t[-1] - t[0]))
-        train.append(source_of(inspected, name, kind, (None, end)))
-        if not held:
-            judges.append(source_of(inspected, name, kind, (end, None)))
-    return train, tuple(judges)
+def _judged_on(o: Calibrate) -> str:
+    """Return what judges the fits, in words."""
+    if o.held_out is not None:
+        return f"fits to all logs, by {one_line(log_name(o.held_out))}, which is not among them"
+    if len(o.names) > 1:
+        return "fits to all logs but one, each by that one"
+    return "fits to two thirds of the time in motion, each by the other third"
 
 
 def _fit_all(
-    o: Calibrate, profile: Profile, sources: Mapping[Input, _Divided], way: float
-) -> list[Fitted]:
-    """Return the fits, each begun with the profile of the one before.
+    o: Calibrate, profile: Profile, folds: Mapping[Input, Sequence[Fold]]
+) -> tuple[list[Fitted], Profile]:
+    """Return the fits, each begun with the profile of the one before, and an unseeing profile.
 
-    A fit that ends at a bound of a size or a delay is tried once more with wider ones. The last one
-    may have been interrupted. `way` is that of the robot in 6 s [m].
+    Each fold has a profile of its own, which has seen nothing of what judges it; that of the last
+    part that judges is returned. The last fit may have been interrupted.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted before anything was judged.
     """
     fits: list[Fitted] = []
-    track = profile.robot.track
-    others = [plant for plant in o.plants if plant != FIRST_FITTED]
-    plans = list(product([FIRST_FITTED, *others], sources))
-    for k, (plant, kind) in enumerate(plans):
-
-        def show(now: Progress, k: int = k, lead: str = f"{plant} by {kind}") -> None:
-            share = min(now.done / max(now.total, 1.0), 1.0)
-            o.progress(Progress(k + share, len(plans), f"{lead}: {now.text}"))
-
-        settings: dict[str, Any] = {}
-        if kind == "commands" and len(sources) == 2:
-            settings = {
-                "free": _DRIVER,
-                "fix": _of_logs(fits[-1]) if fits[-1].better else {},
-                "bounds": {"command_half_track": (0.2 * track, 1.5 * track)},
-            }
-        if plant_kind(plant).torques:
-            # its run is dear, and the kinematic fit knows where to begin
-            settings["search"] = "lsq"
-            if "free" in settings:
-                settings["guess"] = within_bounds(fits[1], plant, settings["bounds"])
-        train, judges = sources[kind]
-        options = Fit(
-            plant,
-            train,
-            profile,
-            input=kind,
-            held_out=judges,
-            seed=o.seed,
-            workers=o.workers,
-            progress=show,
-            **settings,
-        )
-        # the report names the log's faults once
-        done = run_fit(options, lambda warning: None)
-        if not any(scores.windows for scores in done.held_out.values()):
-            raise ValueError(
-                f"{', '.join(o.names)}: nothing is left to judge on; name a log with --held-out"
+    plans = o.plans(folds)
+    profiles = [profile] * len(folds[plans[0][1]])
+    known: dict[tuple[str, str], list[Fitted]] = {}
+    for plant, kind in plans:
+        done: list[Fitted] = []
+        for k, (train, _) in enumerate(folds[kind]):
+            begun = len(fits) * len(profiles) + k
+            show = partial(_show_part, o, begun / len(profiles), len(plans), f"{plant} by {kind}")
+            settings = _settings_of(known, (plant, kind), k, done)
+            options = Fit(
+                plant,
+                train,
+                profiles[k],
+                input=kind,
+                seed=o.seed,
+                workers=o.workers,
+                progress=show,
+                **settings,
             )
-        if wider := _widen_bounds(done):
-            options = replace(options, bounds={**cli.read_value(options.bounds), **wider})
-            done = run_fit(options, lambda warning: None)
-            names = ", ".join(wider)
-            moved = f"{names} hit a bound, which was moved once, and the fit repeated"
-            done = replace(done, remarks=[*done.remarks, moved])
-        if objections := _list_objections(done, way):
-            done = replace(done, objections=[f"{'; '.join(objections)}."])
-        fits.append(done)
-        profile = done.profile
-        if done.status != FINISHED:
+            done.append(_fit_widely(options))
+            if done[-1].status != FINISHED and k + 1 < len(profiles):
+                if not fits:
+                    raise KeyboardInterrupt
+                return fits, profiles[_judge_of(folds[kind])]
+        known[plant, kind] = done
+        fits.append(_judge_fits(o, done, folds[kind]))
+        if fits[-1].better:
+            profiles = [each.profile for each in (*done[:-1], fits[-1])]
+        if fits[-1].status != FINISHED:
             break
-    return fits
+    return fits, profiles[_judge_of(folds[plans[0][1]])]
+
+
+def _judge_of(folds: Sequence[Fold]) -> int:
+    """Return the number of the last fold that has a judge."""
+    return max(k for k, (_, judges) in enumerate(folds) if judges)
+
+
+def _show_part(o: Calibrate, begun: float, parts: int, lead: str, now: Progress) -> None:
+    """Show the progress of one fit of several, `begun` of the `parts` after others."""
+    share = min(now.done / max(now.total, 1.0), 1.0)
+    o.progress(Progress(begun + share, parts, f"{lead}: {now.text}"))
+
+
+def _settings_of(
+    known: Mapping[tuple[str, str], Sequence[Fitted]],
+    plan: tuple[str, Input],
+    k: int,
+    done: Sequence[Fitted],
+) -> dict[str, Any]:
+    """Return the settings of the fit of a plant by an input to the k-th fold.
+
+    `known` has the fits of all folds by plant and input, and `done` those of this plan.
+    """
+    plant, kind = plan
+    settings: dict[str, Any] = {}
+    if (plant, "wheels") in known:
+        body = known[plant, "wheels"][k]
+        track = body.base.robot.track
+        settings = {
+            "free": _DRIVER,
+            "fix": _of_logs(body) if known[plant, "wheels"][-1].better else {},
+            "bounds": {"command_half_track": (0.2 * track, 1.5 * track)},
+        }
+    if not plant_kind(plant).torques:
+        return settings
+    # its run is dear, and fits before know where to begin
+    settings["search"] = "lsq"
+    if done:
+        return settings | _continued(done[-1], settings.get("free", plant_kind(plant).free[kind]))
+    if "free" in settings:
+        driver = known[FIRST_FITTED, kind][k]
+        settings["guess"] = within_bounds(driver, plant, settings["bounds"])
+    return settings
+
+
+def _continued(f: Fitted, names: Sequence[str]) -> dict[str, Any]:
+    """Return where a fit of some numbers to other data begins that goes on from another one.
+
+    What that one held, because its data did not tell it, is held again.
+    """
+    found = {p.name.partition("@")[0] for p in f.parameters}
+    settings: dict[str, dict[str, float]] = {"guess": {}, "fix": {}}
+    for name in names:
+        number = find_number(f.model, name, f.base.robot)
+        settings["guess" if name in found else "fix"][name] = number.read(f.plant)
+    settings["fix"] |= _of_logs(f)
+    return settings
+
+
+def _fit_widely(options: Fit) -> Fitted:
+    """Return a fit; one that ends at a bound of a size or a delay is repeated with wider ones."""
+    # the report names the log's faults once
+    done = run_fit(options, lambda warning: None)
+    wider = _widen_bounds(done)
+    if not wider:
+        return done
+    options = replace(options, bounds={**cli.read_value(options.bounds), **wider})
+    moved = f"{', '.join(wider)} hit a bound, which was moved once, and the fit repeated"
+    done = run_fit(options, lambda warning: None)
+    return replace(done, remarks=[*done.remarks, moved])
+
+
+def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[Fold]) -> Fitted:
+    """Return the last of some fits, as all of them are judged by what each has not seen.
+
+    Its bands are those of the errors there.
+    """
+    judges = []
+    for f, (_, sources) in zip(done, folds, strict=True):
+        judges.append((f.problem, f.course.best, sources))
+    before, after, judged, driven, notes = held_out_scores(judges)
+    f = done[-1]
+    if not any(scores.windows for scores in after.values()):
+        raise ValueError(
+            f"{', '.join(o.names)}: nothing is left to judge on; name a log with --held-out"
+        )
+    objections = list_objections(judged, driven, f.options["input"])
+    at_bound = [p.name for p in f.parameters if p.at_bound and p.name in _ESSENTIAL]
+    if at_bound:
+        objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")
+    bands = dict(f.plant.bands)
+    if (band := band_of(driven, True)) is not None:
+        bands[f.options["input"]] = band
+    return replace(
+        f,
+        held_out=after,
+        unfitted=before,
+        judged=judged,
+        plant=replace(f.plant, bands=bands),
+        objections=[f"{'; '.join(objections)}."] * bool(objections),
+        remarks=[*f.remarks, *notes],
+    )
 
 
 def within_bounds(
@@ -557,43 +587,6 @@ def _of_logs(f: Fitted) -> dict[str, float]:
         if at and number in OF_A_LOG:
             numbers[p.name] = p.value
     return numbers
-
-
-def _find_inputs(o: Calibrate, inspected: Inspected) -> tuple[list[Input], list[str]]:
-    """Return the inputs that can drive plants along a log, and a note on one that cannot.
-
-    Raises:
-        ValueError: the columns contradict one another, or nothing drives a plant.
-    """
-    log = inspected.log
-    faults = inspected.faults
-    refused = inspected.fatal
-    named = dict.fromkeys(chain(*(fault.columns for fault in refused)))
-    notes = []
-    by_wheels = log.has(COMMAND_COLUMNS["wheels"])
-    only_commands = by_wheels and set(named) <= {*COMMAND_COLUMNS["twist"]}
-    missing = inspected.lacks
-    if refused and only_commands and not o.trust:
-        notes = ["The commands are not to be trusted, so the driver was not fitted."]
-    elif (refused or missing) and not o.trust:
-        others = [*(fault.sentence for fault in faults.named), *missing]
-        first = f"look at {', '.join(named)} first" if refused else others.pop(-len(missing))
-        for sentence in others:
-            cli.warn_user(f"{log.name}: {sentence}")
-        raise ValueError(f"{log.name}: {first}; --trust calibrates all the same")
-    often = (faults.uncommanded_share or 0.0) > _UNCOMMANDED
-    inputs = list[Input]()
-    if by_wheels:
-        inputs.append("wheels")
-    if log.has(COMMAND_COLUMNS["twist"]) and not often and not notes:
-        inputs.append("commands")
-    if inputs:
-        if often:
-            notes.append("The wheels often turn without a command, so the driver was not fitted.")
-        return inputs, notes
-    raise ValueError(
-        f"{log.name} has neither wheel rates, enc_left and enc_right, nor commands that drive it"
-    )
 
 
 if __name__ == "__main__":

@@ -216,8 +216,9 @@ class Fitted(SearchReport):
     """Scores of the plant before the fit on the same sources."""
     judged: Mapping[str, Scores]
     """Scores `before` and `after` the fit on all of them together; empty where there is none."""
-    objections: Sequence[str] = ()
-    """Sentences on why its numbers are not to be used, by whoever asked for the fit."""
+    objections: Sequence[str] | None = None
+    """Sentences on why its numbers are not to be used, by whoever asked for the fit; None where
+    nobody judged it but itself."""
 
     @property
     def model(self) -> str:
@@ -245,7 +246,7 @@ class Fitted(SearchReport):
     @cached_property
     def worse(self) -> list[str]:
         """What speaks against its numbers: objections, or a larger error on held-out sources."""
-        if self.objections:
+        if self.objections is not None:
             return list(self.objections)
         before = [*self.unfitted.values()]
         after = [*self.held_out.values()]
@@ -549,16 +550,15 @@ def _report_fit(
     if len(problem.days) >= FEWEST_DAYS:
         spread = {**fitted.spread, **known}
     fitted = replace(fitted, bands={**fitted.bands, **bands}, spread=spread)
-    unfitted, judged, all_judged, undriven = held_out_scores(problem, point, held_out)
+    unfitted, judged, all_judged, _, undriven = held_out_scores([(problem, point, held_out)])
     notes += undriven
     options = o.chosen(search.jde.settings)
     options["held_out"] = tuple(map(source_name, o.held_out))
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
-    motions = {}
+    motions = []
     for source in problem.sources:
-        plant = plant_on(problem, point, source)
-        motions[source.name] = motions_of(problem, plant, source)
+        motions.append(motions_of(problem, plant_on(problem, point, source), source))
     train, together = scores_by_source(problem.sources, motions)
     begun = with_robot(base.name, base.robot.name)
     return Fitted(

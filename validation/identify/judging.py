@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Sequence
 from copy import copy
 from itertools import chain
 
@@ -12,7 +12,7 @@ from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation.experiment.runs import drive_source
-from validation.experiment.scores import Scores, band_of
+from validation.experiment.scores import Driven, Scores, band_of
 from validation.experiment.sources import Piece, Source
 from validation.identify.problem import FitProblem
 from validation.identify.targets import score_pieces
@@ -62,40 +62,54 @@ def plant_on(problem: FitProblem, point: FloatArray, source: Source) -> PlantPro
     return plant
 
 
-def held_out_scores(
-    problem: FitProblem, point: FloatArray, sources: Sequence[Source]
-) -> tuple[dict[str, Scores], dict[str, Scores], dict[str, Scores], list[str]]:
-    """Return the scores on held-out sources before and after the fit, by source, and notes.
+Judges = Iterable[tuple[FitProblem, FloatArray, Sequence[Source]]]
+"""Problems of fits, the (n,) point of the unit cube where each ended, and sources that it has not
+seen."""
 
-    Those of all sources together come third, as `Fitted.judged` has them. Data may hold a motion
-    that the fitted plant cannot make; the rest is still judged.
+
+def held_out_scores(
+    judges: Judges,
+) -> tuple[dict[str, Scores], dict[str, Scores], dict[str, Scores], list[Driven], list[str]]:
+    """Return the scores on held-out sources before and after fits, by source, and notes.
+
+    Those of all sources together come third, as `Fitted.judged` has them, and the sources as the
+    fitted plants drive them fourth. Data may hold a motion that a fitted plant cannot make; the
+    rest is still judged.
     """
     notes = []
-    driven: dict[str, dict[str, Sequence[Trajectory]]] = {"before": {}, "after": {}}
-    for source in sources:
-        try:
-            motions = motions_of(problem, plant_on(problem, point, source), source)
-            driven["before"][source.name] = motions_of(problem, problem.before(source.tags), source)
-            driven["after"][source.name] = motions
-        except SsmrError as error:
-            lead = f"The plant cannot be driven along {source.name}, which was held out"
-            notes.append(f"{lead}: {error}.")
-    able = [source for source in sources if source.name in driven["after"]]
+    able = []
+    before = []
+    after = []
+    for problem, point, sources in judges:
+        for source in sources:
+            try:
+                motions = motions_of(problem, plant_on(problem, point, source), source)
+                before.append(motions_of(problem, problem.before(source.tags), source))
+            except SsmrError as error:
+                lead = f"The plant cannot be driven along {source.name}, which was held out"
+                notes.append(f"{lead}: {error}.")
+                continue
+            able.append(source)
+            after.append(motions)
     if not able:
-        return {}, {}, {}, notes
-    before, all_before = scores_by_source(able, driven["before"])
-    after, all_after = scores_by_source(able, driven["after"])
-    return before, after, {"before": all_before, "after": all_after}, notes
+        return {}, {}, {}, [], notes
+    unfitted, all_before = scores_by_source(able, before)
+    fitted, all_after = scores_by_source(able, after)
+    driven = list[Driven]()
+    for source, motions in zip(able, after, strict=True):
+        driven.append(source.driven(motions))
+    return unfitted, fitted, {"before": all_before, "after": all_after}, driven, notes
 
 
 def scores_by_source(
-    sources: Sequence[Source], motions: Mapping[str, Sequence[Trajectory]]
+    sources: Sequence[Source], motions: Sequence[Sequence[Trajectory]]
 ) -> tuple[dict[str, Scores], Scores]:
     """Return the scores of a plant's motions on each source, and on all together."""
-    each = {source.name: score_pieces(source.pieces, motions[source.name]) for source in sources}
+    each = {}
+    for source, driven in zip(sources, motions, strict=True):
+        each[source.name] = score_pieces(source.pieces, driven)
     pieces = list(chain(*(source.pieces for source in sources)))
-    driven = list(chain(*(motions[source.name] for source in sources)))
-    return each, score_pieces(pieces, driven)
+    return each, score_pieces(pieces, list(chain(*motions)))
 
 
 def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> Band | None:

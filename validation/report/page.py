@@ -45,7 +45,7 @@ def calibration_page(
 
     Args:
         report: the calibration; its first table has the errors before and after.
-        kept: the calibrated simulations along data that no fit has seen.
+        kept: the calibrated simulations along unseen data.
         tables: all tables; those without rows are left out.
         faults: sentences on the log.
     """
@@ -54,7 +54,7 @@ def calibration_page(
     notes = [f"- {markdown_text(note)}" for note in report.notes()]
     parts: list[str | Figure] = [
         "\n".join([f"# {markdown_text(report.title)}", "", markdown_text(report.verdict())]),
-        "## Paths that no fit has seen",
+        "## Paths of unseen data",
         kept.figure(),
         "\n".join(errors),
         report.figure(),

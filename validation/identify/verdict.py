@@ -7,6 +7,7 @@ rest. What is written comes from all of them afterwards.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, pairwise
@@ -26,7 +27,9 @@ from validation.identify.targets import source_outside, split_ground
 _PARTS = 3
 """Number of parts of a single log, each of which judges a fit to the others."""
 _CLEAR = 0.02
-"""Share by which a median error must fall to be called better [1]."""
+"""Share by which errors must fall in the median to be called better [1]."""
+_NOTHING = 1e-9
+"""Size of an error that is none [m]."""
 _EXPLAINED = 0.5
 """Share of the motion itself at which an error says that the inputs do not explain it [1]."""
 _FEWEST_BLOCKS = 4
@@ -81,14 +84,16 @@ def _parts_of_motion(source: Source) -> list[Span]:
 
 
 def is_better(now: FloatArray, was: FloatArray, horizon: float) -> bool:
-    """Return whether the median of (W,) errors fell, by more than chance and by a share.
+    """Return whether (W,) errors fell in pairs, by more than chance and by a share.
 
-    They belong to the same windows of a horizon [s], which begin every second.
+    They belong to the same windows of a horizon [s], which begin every second. What is judged is
+    the median of the windows' ratios, so a window that is hard for both counts no more than others.
     """
-    if np.median(now) >= (1.0 - _CLEAR) * np.median(was):
+    ratio = np.log(np.maximum(now, _NOTHING) / np.maximum(was, _NOTHING))
+    if np.median(ratio) >= math.log(1.0 - _CLEAR):
         return False
     times = EVERY_S * np.arange(len(now))
-    return chance_of_difference(now, was, times, horizon) < SIGNIFICANCE
+    return chance_of_difference(ratio, 0.0 * ratio, times, horizon) < SIGNIFICANCE
 
 
 def _judging_horizon(scores: Scores) -> float:

@@ -471,12 +471,12 @@ PRICES = {
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
     "validation/files": Price(
-        44_000,
-        27,
-        109,
-        "any log, a frame of pandas too, is read as one form, of bags on one clock with the most "
-        "independent pose and the efforts of joints; its faults are named, a slipping side among "
-        "them; it is written",
+        47_500,
+        28,
+        116,
+        "any log, a frame of pandas too, is read as one form, of tables in any usual layout, with "
+        "names and units of others, and of bags on one clock with the most independent pose and "
+        "the efforts of joints; its faults are named, a slipping side among them; it is written",
     ),
     "validation/plants": Price(
         7_400,

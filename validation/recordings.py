@@ -26,7 +26,7 @@ import tyro
 from ssmr.types import FloatArray
 from validation import cli
 from validation.descriptions.loading import load_robot
-from validation.files.columns import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, as_option
+from validation.files.columns import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS
 from validation.files.formats import (
     AnyLog,
     check_apart,
@@ -36,6 +36,7 @@ from validation.files.formats import (
 )
 from validation.files.inspection import REST_LEAST, Inspected, open_log, unbiased
 from validation.files.log import Log, ReadOptions
+from validation.files.names import as_option
 from validation.files.offsets import Offset, synchronised, why_without_stamps
 from validation.files.reading import FileError, exists, read_file
 from validation.files.sensors import Signals

@@ -19,8 +19,8 @@ from ssmr.control.references import circle, eight, line, sine, spiral, square, s
 from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
 from validation.files.columns import Column
-from validation.files.csv_logs import CsvTable, read_csv_table
 from validation.files.reading import FileError, quoted
+from validation.files.tables import CsvTable, read_csv_table
 
 _HEADER = (
     "a file of waypoints begins with a header that names x and y [m] and, "

@@ -1,10 +1,11 @@
-"""What the columns of a log mean, by their names: ours, and those of ROS, PlotJuggler and evo."""
+"""The columns of a log: their units and groups, and what names of sources and joints say."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
+from functools import cache
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -103,36 +104,77 @@ COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
 )
 """The two columns that drive a plant, by kind of command."""
 
+_PREFIXES = {
+    "": 1.0,
+    "n|nano": 1e-9,
+    "u|µ|μ|micro": 1e-6,
+    "m|milli": 1e-3,
+    "c|centi": 1e-2,
+    "k|kilo": 1e3,
+}
+_ROOTS: Mapping[str, tuple[str, float]] = {
+    "s|secs?|seconds?": ("s", 1.0),
+    "min|minutes?": ("s", 60.0),
+    "h|hrs?|hours?": ("s", 3600.0),
+    "rads?|radians?": ("rad", 1.0),
+    "degs?|degrees?|°|º": ("rad", math.pi / 180.0),
+    "turns?|revs?|revolutions?|rotations?": ("rad", 2.0 * math.pi),
+    "ticks?|counts?|pulses?": ("ticks", 1.0),
+    "m|met(er|re)s?": ("m", 1.0),
+    "ft|foot|feet": ("m", 0.3048),
+    "in|inch|inches": ("m", 0.0254),
+    "mi|miles?": ("m", 1609.344),
+    "g": ("m/s²", 9.80665),
+    "a|amps?|amperes?": ("A", 1.0),
+    "v|volts?": ("V", 1.0),
+    "newtonmetre": ("N m", 1.0),
+}
+"""Words and signs of units, in lower case: the unit in `COLUMNS` that they lead to, and the factor
+to it. Ticks are those of an encoder."""
+_SHORT = {"rpm": "rev/min", "rps": "rev/s", "dps": "deg/s", "mps": "m/s", "kmh": "km/h"}
+_SHORT |= {"mph": "mile/h", "kph": "km/h", "m/s2": "m/s/s", "": ""}
+
+
+@cache
+def parse_unit(text: str) -> tuple[str, float] | None:
+    """Return what a unit in words or signs leads to, and the factor to that; None for no unit.
+
+    That is a unit of `COLUMNS` as `rad/s`, or `ticks` or `ticks/s`; nothing for a number.
+    """
+    plain = re.sub(r"^(m?)N[ ·*.]?m$", r"\1newtonmetre", text.strip()).lower()
+    plain = re.sub(r"(?<![a-z])per(?![a-z])", "/", plain)
+    plain = re.sub(r"[ .·*_]*(?<![a-z])(s|sec|min|h)(\^|\*\*)?(-1|⁻¹)$", r"/\1", plain)
+    plain = re.sub(r"[ .·*_]*(?<![a-z])s(\^|\*\*)?(-2|⁻²)$", "/s/s", plain)
+    plain = re.sub(r"[ _^]*/[ _^]*|[ _]+", "/", plain).replace("²", "2").replace("^", "")
+    root, *times = _SHORT.get(plain, plain).split("/")
+    if root in ("", "-", "1") and not times:
+        return "", 1.0
+    found = _root_of(root)
+    for time in times:
+        divisor = _root_of(time)
+        if found is None or divisor is None or divisor[0] != "s":
+            return None
+        found = f"{found[0]}/s", found[1] / divisor[1]
+    return None if found is None else (found[0].replace("/s/s", "/s²"), found[1])
+
+
+def _root_of(word: str) -> tuple[str, float] | None:
+    """Return what a unit without a division leads to, and the factor; None for no unit."""
+    for prefix, size in _PREFIXES.items():
+        for root, (base, factor) in _ROOTS.items():
+            if re.fullmatch(f"({prefix})({root})", word):
+                return base, size * factor
+    return None
+
+
+_LISTED = (
+    *("ms", "us", "ns", "min", "deg", "turns", "deg/s", "rpm", "rad/min", "mm", "cm", "km", "ft"),
+    *("in", "km/h", "mm/s", "cm/s", "m/min", "ft/s", "mph"),
+)
 UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
-    {
-        "ms": ("s", 1e-3),
-        "us": ("s", 1e-6),
-        "ns": ("s", 1e-9),
-        "min": ("s", 60.0),
-        "deg": ("rad", math.pi / 180.0),
-        "turns": ("rad", 2.0 * math.pi),
-        "deg/s": ("rad/s", math.pi / 180.0),
-        "rpm": ("rad/s", math.pi / 30.0),
-        "rad/min": ("rad/s", 1.0 / 60.0),
-        "mm": ("m", 1e-3),
-        "cm": ("m", 1e-2),
-        "km": ("m", 1e3),
-        "ft": ("m", 0.3048),
-        "in": ("m", 0.0254),
-        "km/h": ("m/s", 1.0 / 3.6),
-        "mm/s": ("m/s", 1e-3),
-        "cm/s": ("m/s", 1e-2),
-        "m/min": ("m/s", 1.0 / 60.0),
-        "ft/s": ("m/s", 0.3048),
-        "mph": ("m/s", 0.44704),
-    }
+    {unit: found for unit in _LISTED if (found := parse_unit(unit))}
 )
 """Units that loggers write: the unit in `COLUMNS` of the same quantity, and the factor to it."""
-
-POSITIONS: Mapping[str, float] = MappingProxyType(
-    {"rad": 1.0, "deg": math.pi / 180.0, "turns": 2.0 * math.pi}
-)
-"""Units of the positions of wheels, and the angle of each [rad]; ticks are another."""
 
 
 def column_of(name: str) -> Column:
@@ -145,22 +187,35 @@ def is_column_name(name: str) -> bool:
     return bool(name) and name.isprintable() and name == name.strip()
 
 
-def unit_factor(name: str, unit: str, radius: float | None) -> float:
-    """Return the factor from a unit to that of a column; a ValueError lists the units.
+def unit_factor(
+    name: str, unit: str, radius: float | None = None, ticks: float | None = None
+) -> tuple[float, str]:
+    """Return the factor from a unit to that of a column, and its unit; a ValueError lists units.
 
-    Wheels whose speed is that of their rim have a `radius` [m], None where nobody knows it.
+    Wheels may also tell positions, which lead to `rad`.
+
+    Args:
+        name: the column.
+        unit: its unit in words or signs; that of the column if empty.
+        radius: radius of the wheels [m], for those whose rim is measured; None where nobody knows.
+        ticks: number of an encoder's ticks in a turn of a wheel; None where nobody knows.
     """
-    column_unit = "s" if name == "t" else column_of(name).unit
-    base, factor = UNITS.get(unit, (unit, 1.0))
-    if base == column_unit or not unit:
-        return factor
-    if name in COMMAND_COLUMNS["wheels"] and base == "m/s":
-        if radius is None:
+    ours = "s" if name == "t" else column_of(name).unit
+    base, factor = parse_unit(unit) or (unit, 1.0)
+    if base in ("", ours):
+        return factor, ours
+    if name in COMMAND_COLUMNS["wheels"]:
+        way = base.removesuffix("/s")
+        if way == "m" and radius is None:
             raise ValueError(
                 f"{name} in {unit} needs the radius of the wheels; name the robot by --robot"
             )
-        return factor / radius
-    units = [column_unit, *(u for u, (of, _) in UNITS.items() if of == column_unit)]
+        if way == "ticks" and not ticks:
+            raise ValueError("ticks need their number in a turn of the wheel: --ticks-per-turn N")
+        sizes = {"rad": 1.0, "m": 1.0 / (radius or 1.0), "ticks": 2.0 * math.pi / (ticks or 1.0)}
+        if way in sizes:
+            return factor * sizes[way], base.replace(way, "rad", 1)
+    units = [ours, *(u for u, (of, _) in UNITS.items() if of == ours)]
     raise ValueError(f"{name} cannot be in '{unit}'; its units are {', '.join(units)}")
 
 
@@ -174,6 +229,32 @@ def unwrapped(angles: FloatArray) -> FloatArray:
     if np.ptp(angles) > 4.0 * math.pi and np.any((far < 5.0) | (far > 7.0)):
         return angles
     return np.unwrap(angles)
+
+
+def count_on(values: FloatArray, whole: float) -> tuple[FloatArray, float]:
+    """Return (M,) positions without the jumps of a counter that wraps, and its range; 0 for none.
+
+    The range is what makes the steps at the jumps like those beside them; of all that do so within
+    the roughness of the steps, the roundest number of `whole` is taken.
+    """
+    steps = np.diff(values)
+    span = float(np.ptp(values))
+    jump = np.abs(steps) > 0.5 * span
+    if not np.any(jump) or np.all(jump):
+        return values, 0.0
+    at = np.arange(len(steps))
+    smooth = np.interp(at, at[~jump], steps[~jump])
+    size = float(np.median(np.abs(steps - smooth)[jump])) / whole
+    error = float(np.percentile(np.abs(np.diff(smooth)), 95.0)) / whole + 1e-9 * size
+    rounded = [2.0 ** round(math.log2(size))]
+    rounded += [round(size, digits) for digits in range(-round(math.log10(size)), 9)]
+    able = (each for each in rounded if abs(each - size) <= error and each * whole > span)
+    size = next(able, 0.0) * whole
+    if not size:
+        return values, 0.0
+    on = np.unwrap(values, period=size)
+    rough, after = (float(np.abs(np.diff(each, 2)).sum()) for each in (values, on))
+    return (on, size) if after < 0.5 * rough else (values, 0.0)
 
 
 # ------------------------------------------------------------------------------------------ sources
@@ -218,134 +299,3 @@ def side_of(name: str) -> str:
         return ""
     sides = [side for side, pattern in WHEEL_SIDES.items() if pattern.search(plain)]
     return sides[0] if len(sides) == 1 else ""
-
-
-# ------------------------------------------------------------------------------------------ foreign
-Columns = Mapping[str, tuple[str, str]]
-"""By our name, the name of a column there, or names between plus signs, and the unit."""
-_NAMES: Mapping[str, str] = {
-    "t": r"(^|\.)header\.stamp$|^(%|__|#)?(t|time|timestamp|stamp|rosbagtimestamp)$",
-    "x": r"(position|translation)\.x$|^p_rs_r_x$|^(pos|p|pose)_?x$",
-    "y": r"(position|translation)\.y$|^p_rs_r_y$|^(pos|p|pose)_?y$",
-    "yaw": r"(^|[._])(yaw|heading|theta|psi)$",
-    "gyro_z": r"angular_velocity\.z$|^gyro\.?z$",
-    "cmd_v": r"cmd[^.]*\.(twist\.)?linear\.x$|^(field\.)?(twist\.)?linear\.x$",
-    "cmd_w": r"cmd[^.]*\.(twist\.)?angular\.z$|^(field\.)?(twist\.)?angular\.z$",
-    "odom_v": r"twist\.twist\.linear\.x$",
-    "odom_w": r"twist\.twist\.angular\.z$",
-}
-"""By our name, what the names of such columns match, in lower case and with points for slashes."""
-_QUATERNION = r"(orientation|rotation|quat|quaternion)[._]{0}$|^q_rs_{0}(_?\[\])?$|^q[._]?{0}$"
-_WHEEL = re.compile(
-    r"veloc|vel$|rate|speed|wheel|rad_s|enc|motor|effort|torque|^[frmb][lr]$|^[lr][frmb]$"
-)
-"""Parts of the names of columns of wheels."""
-_NO_RATE = re.compile(r"pos|tick|angle|effort|torque|current")
-_NO_TORQUE = re.compile(r"^(?!.*(effort|torque))")
-"""What the names of other columns of wheels match."""
-_UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
-_POSE = ("position.x", "position.y", "position.z")
-_TURN = tuple(f"orientation.{axis}" for axis in "xyzw")
-_STAMP = ("sec", "nanosec", "frame_id")
-_RATES = tuple(f"{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
-_BLANKS = ("",) * 36
-_POSED = (*_STAMP, *_POSE, *_TURN)
-_INERTIAL = ("", *(f"angular_velocity.{axis}" for axis in "xyz"))
-ECHOED: Mapping[int, Sequence[str]] = {
-    9: (*_STAMP, *_RATES),
-    10: _POSED,
-    40: (*_STAMP, *_TURN, *_BLANKS[:8], *_INERTIAL, *_BLANKS[:9], *("",) * 12),
-    46: (*_POSED, *_BLANKS),
-    89: (
-        *(*_STAMP, "child", *_POSE, *_TURN, *_BLANKS),
-        *(*(f"twist.twist.{name}" for name in _RATES), *_BLANKS),
-    ),
-}
-"""Names of the columns that `ros2 topic echo --csv` writes without a header, by their number: of
-TwistStamped, PoseStamped, Imu, PoseWithCovarianceStamped and Odometry."""
-
-
-def without_unit(name: str) -> tuple[str, str]:
-    """Return a name as a header has it, such as `yaw [deg]`, without its unit, and the unit."""
-    found = _UNIT.search(name)
-    plain = _UNIT.sub("", name).strip().removeprefix("#").strip()
-    return plain, found[1].strip() if found else ""
-
-
-def taken_by_name(header: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return the columns of a table that their names explain; those with our names are not listed.
-
-    Of several the one from the most independent source is taken.
-    """
-    plain = {name: _plain_name(name) for name in header}
-    # odom_yaw, say, is a column of ours, and no yaw of a pose
-    foreign = [name for name in header if column_of(name).group == "channels"]
-    found = {}
-    for ours, pattern in _NAMES.items():
-        able = [name for name in foreign if re.search(pattern, plain[name])]
-        if ours not in header and able:
-            found[ours] = (min(able, key=trust_in), "")
-    found |= _clock_of_parts(header, plain)
-    if "yaw" not in (*header, *found):
-        axes = list(_quaternion(header, plain, found.get("x", ("", ""))[0]))
-        if len(axes) == 4:
-            found["yaw"] = ("+".join(axes), "")
-    return found | _wheels(header, plain)
-
-
-def _clock_of_parts(header: Sequence[str], plain: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Return a time in whole seconds and nanoseconds, where there is one."""
-    if "t" not in header:
-        seconds = [name for name in header if re.search(r"(^|\.)secs?$", plain[name])]
-        parts = [name for name in header if re.search(r"(^|\.)n(ano)?secs?$", plain[name])]
-        if seconds and parts:
-            return {"t": (f"{seconds[0]}+{parts[0]}", "")}
-    return {}
-
-
-def _wheels(header: Sequence[str], plain: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Return rates and torques of wheels by the sides that their names say; of both, or none."""
-    found = dict[str, tuple[str, str]]()
-    pairs = {COMMAND_COLUMNS["wheels"]: _NO_RATE, MOTOR_COLUMNS[TORQUES]: _NO_TORQUE}
-    for names, others in pairs.items():
-        own = {}
-        for ours, side in zip(names, WHEEL_SIDES, strict=True):
-            members = [
-                n for n in header if side_of(_split_name(n)) == side and _WHEEL.search(plain[n])
-            ]
-            kept = [n for n in members if not others.search(plain[n])]
-            if kept and ours not in header:
-                own[ours] = ("+".join(kept), "")
-        if len(own) == 2:
-            found |= own
-    return found
-
-
-def _plain_name(name: str) -> str:
-    return name.strip("/").replace("/", ".").lower()
-
-
-def _split_name(name: str) -> str:
-    return re.sub(r"[./]", "_", name)
-
-
-def _quaternion(header: Sequence[str], plain: Mapping[str, str], x: str) -> Iterator[str]:
-    """Yield the columns of a quaternion, x first, of the topic that the column `x` comes from."""
-    topic = x.split("/")[1] if x.startswith("/") else ""
-    for axis in "xyzw":
-        pattern = _QUATERNION.format(axis)
-        able = [n for n in header if re.search(pattern, plain[n]) and topic in n]
-        yield from able[:1]
-
-
-def has_other_names(header: Sequence[str]) -> bool:
-    """Return whether a table has no time and motion by our names."""
-    return "t" not in header or not any(name in RECORDED for name in header)
-
-
-def as_option(columns: Columns) -> str:
-    """Return columns as `--columns` takes them."""
-    parts = []
-    for ours, (theirs, unit) in columns.items():
-        parts.append(f"{ours}={theirs}:{unit}" if unit else f"{ours}={theirs}")
-    return ",".join(parts)

@@ -1,17 +1,13 @@
-"""CSV files: tables of numbers below a header, and logs with `t` [s] and any of `RECORDED`."""
+"""Logs in tables: files and frames with `t` [s] and any of `RECORDED`."""
 
 from __future__ import annotations
 
 import csv
-import io
-import itertools
 import logging
 import math
-import re
 import shlex
-from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,248 +17,27 @@ from numpy.typing import ArrayLike
 from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import MOTOR_COLUMNS, TORQUES, FloatArray
 from validation.files.columns import (
-    COLUMNS,
     COMMAND_COLUMNS,
-    ECHOED,
-    POSITIONS,
     RECORDED,
-    UNITS,
     Column,
-    as_option,
     column_of,
-    has_other_names,
+    count_on,
     is_column_name,
-    taken_by_name,
+    parse_unit,
     unit_factor,
     unwrapped,
-    without_unit,
 )
-from validation.files.limits import USUAL, LogLimits, find_time_fault
+from validation.files.limits import LogLimits, find_time_fault
 from validation.files.log import PLAIN, DataFrame, Group, Log, ReadOptions
-from validation.files.reading import FileError, opened, quoted
+from validation.files.names import as_option, taken_by_name, without_unit
+from validation.files.reading import FileError, quoted
+from validation.files.tables import CsvTable, read_csv_table, read_rows
 from validation.files.topics import rates_of_positions
 from validation.output import write_atomic
 
-_SEPARATORS = {
-    ";": "semicolons separate",
-    "\t": "tabs separate",
-    "#": "a comment stands before",
-    " ": "spaces separate",
-}
-"""Signs in a first line without a comma, and their effect there."""
-
-_NOTHING = ("", "nan", "na", "n/a", "null", "none")
-"""Words, in lower case, of cells in which there is no number."""
-_QUICK = 1 << 22
-"""Size from which on pyarrow, which takes a tenth of a second to import, is quicker [bytes]."""
-_FEWEST = 3
-"""Numbers that a column has at least where such a word, which is not blank, is a gap in it."""
-_DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[ T]")
 _LARGE = {"ns": 1e17, "us": 1e14, "ms": 1e11}
 """Units of Unix time, and the number from which a time is in them."""
-_ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
-"""Beginning of a date with a time, and the zone at its end, which all rows share."""
-
 _logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class CsvTable:
-    """Columns of numbers below a header; blank lines are left out."""
-
-    path: Path
-    header: Sequence[str]
-    """Names of the columns."""
-    header_line: int | None
-    """Line on which the header begins, counted from 1; None in a frame, which has no lines."""
-    lines: Sequence[int]
-    """Line on which each row begins."""
-    columns: Sequence[FloatArray]
-    """(M,) numbers of each column, not finite where there is none, NaN where the cell is empty."""
-    bad: Sequence[tuple[int, str] | None]
-    """Row and text of each column's first cell that is no finite number, and not empty; None for a
-    column without one."""
-
-    def numbers(self, place: int, column: Column) -> FloatArray:
-        """Return the column at `place` as (M,) numbers.
-
-        Raises:
-            FileError: a cell is not finite, or too large.
-        """
-        values = self.columns[place]
-        bad = self.bad[place]
-        fault = column.fault(values)
-        if bad is None and fault is None:
-            return values
-        if bad is not None:
-            row, text = bad
-            what = f"{quoted([text.strip()])}, wanted a finite number [{column.unit}]"
-        elif fault is not None:
-            row, what = fault
-            if math.isnan(values[row]):
-                what = f"nothing, wanted a finite number [{column.unit}]"
-        raise FileError(self.path, f"there is {what}", self.lines[row], self.header[place])
-
-
-def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
-    """Read a CSV file. A UTF-8 byte order mark, any line ending and blank lines are accepted.
-
-    Raises:
-        FileError: the file is no CSV file, is empty, has rows that differ in length or is beyond
-            the limits.
-    """
-    header_line, header, rows = _header(path, limits)
-    plain = _read_plain_table(path, header_line, header, limits.samples)
-    return plain or _read_rows(path, header_line, header, rows, limits)
-
-
-def _read_rows(
-    path: Path,
-    header_line: int | None,
-    header: Sequence[str],
-    rows: Iterable[tuple[int, list[str]]],
-    limits: LogLimits,
-) -> CsvTable:
-    """Read the rows of any table, cell by cell."""
-    width = len(header)
-    columns = [array("d") for _ in header]
-    lines = array("q")
-    bad: list[tuple[int, str] | None] = [None] * width
-    words: dict[int, tuple[int, str]] = {}
-    for line, row in rows:
-        if len(row) != width:
-            raise FileError(
-                path, f"there are {len(row)} fields, wanted {width} as in the header", line
-            )
-        if len(lines) >= limits.samples:
-            raise FileError(path, f"there are too many rows: {limits.says('samples')}", line)
-        for place, cell in enumerate(row):
-            value = _number(cell)
-            columns[place].append(value)
-            if math.isfinite(value) or bad[place] is not None:
-                continue
-            word = cell.strip().lower()
-            if word not in _NOTHING:
-                bad[place] = (len(lines), cell)
-            elif word:
-                words.setdefault(place, (len(lines), cell))
-        lines.append(line)
-    for place, word_at in words.items():
-        if np.count_nonzero(np.isfinite(columns[place])) < _FEWEST and bad[place] is None:
-            bad[place] = word_at
-    return CsvTable(
-        path=path,
-        header=[name.strip() for name in header],
-        header_line=header_line,
-        lines=lines,
-        columns=[np.array(column, dtype=np.float64) for column in columns],
-        bad=bad,
-    )
-
-
-def _read_plain_table(
-    path: Path, header_line: int, header: Sequence[str], most: float
-) -> CsvTable | None:
-    """Return a large table whose cells are all finite numbers or empty; None for any other.
-
-    pyarrow reads it several times as fast as what reads others with care.
-    """
-    names = [str(k) for k in range(len(header))]
-    columns = []
-    try:
-        if header_line > 1 or path.stat().st_size < _QUICK:
-            return None
-        from pyarrow import csv as quick
-        from pyarrow import float64
-
-        table = quick.read_csv(
-            path,
-            quick.ReadOptions(column_names=names, skip_rows=1),
-            quick.ParseOptions(ignore_empty_lines=False),
-            quick.ConvertOptions(column_types=dict.fromkeys(names, float64()), null_values=[""]),
-        )
-        for column in table.columns:
-            # through dlpack, as its own conversion imports pandas
-            chunks = [np.from_dlpack(chunk) for chunk in column.fill_null(math.nan).chunks]
-            columns.append(np.concatenate(chunks))
-    except (ImportError, OSError, ValueError):  # which is said by what reads with care
-        return None
-    empty = [~np.isfinite(column) for column in columns]
-    nulls = [column.null_count for column in table.columns]
-    # to pyarrow a blank line is a row of nothing
-    if list(map(np.count_nonzero, empty)) != nulls or np.all(empty, axis=0).any():
-        return None
-    if len(columns[0]) > most:
-        return None
-    lines = range(2, len(columns[0]) + 2)
-    return CsvTable(path, [n.strip() for n in header], 1, lines, columns, [None] * len(header))
-
-
-def _header(
-    path: Path, limits: LogLimits
-) -> tuple[int, list[str], Iterator[tuple[int, list[str]]]]:
-    """Return the line and the names of the header, and an iterator of the rows below it.
-
-    What `ros2 topic echo --csv` writes has no header; the number of columns tells the message.
-    """
-    rows = _rows(path, limits)
-    header_line, header = next(rows, (0, []))
-    width = len(header)
-    if width in ECHOED and not math.isnan(_number(header[0])):
-        rows = itertools.chain([(header_line, header)], rows)
-        header = [name or f"_{k}" for k, name in enumerate(ECHOED[width])]
-    if not width:
-        raise FileError(
-            path,
-            "the file is empty; wanted "
-            "a header line with the names of columns, and lines of numbers",
-        )
-    if "\0" in "".join(header):
-        raise FileError(
-            path, "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text", header_line
-        )
-    if width == 1:
-        signs = (words for sign, words in _SEPARATORS.items() if sign in header[0])
-        what = next(signs, "nothing separates")
-        raise FileError(
-            path,
-            f"{what} the columns; wanted commas between them, and points in numbers",
-            header_line,
-        )
-    return header_line, header, rows
-
-
-def _number(cell: str) -> float:
-    try:
-        # Python reads 1_0 as 10, which no logger writes
-        return math.nan if "_" in cell else float(cell)
-    except ValueError:
-        return _date(cell) if _DATE.match(cell) else math.nan
-
-
-def _date(cell: str) -> float:
-    """Return a date as pandas and ISO 8601 write it, in seconds of Unix time; NaN for none."""
-    try:
-        return float(np.datetime64(_ZONE.sub("", cell.strip()), "ns").astype(np.int64)) * 1e-9
-    except ValueError:
-        return math.nan
-
-
-def _rows(path: Path, limits: LogLimits) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line and the cells of each row that is not blank; bad UTF-8 will be no number."""
-    line = 1
-    with opened(path, limits.bytes_of("table_size"), "table_size") as file:
-        try:
-            text = io.TextIOWrapper(
-                file, encoding="utf-8-sig", errors="surrogateescape", newline=""
-            )
-            reader = csv.reader(text, strict=True)
-            for row in reader:
-                if len(row) > 1 or any(map(str.strip, row)):
-                    yield line, row
-                line = reader.line_num + 1
-        except csv.Error as cause:
-            raise FileError(path, f"this is no CSV: {cause}", line) from cause
 
 
 def read_csv(path: str | Path, options: ReadOptions = PLAIN, radius: float | None = None) -> Log:
@@ -330,7 +105,7 @@ def read_frame(frame: DataFrame, options: ReadOptions, radius: float | None) -> 
         if np.any(np.isinf(numbers)):
             texts = cells.astype(object).where(cells.notna(), "").astype(str)
             rows = ((row, [text]) for row, text in enumerate(texts))
-            read = _read_rows(path, None, [name], rows, options.limits)
+            read = read_rows(path, None, [name], rows, options.limits)
             numbers = read.columns[0]
             first = read.bad[0]
         columns.append(numbers)
@@ -397,13 +172,12 @@ def _rename_columns(
 ) -> tuple[CsvTable, list[str]]:
     """Return a table whose columns have our names and units, and sentences on what was guessed.
 
-    The options say what they are; of a foreign table, the names do that themselves.
+    The options say what they are; of others, the names do that themselves.
     """
+    _check_twice(table)
     tidy = [without_unit(name) for name in table.header]
-    header = [name for name, _ in tidy]
-    _check_twice(table, header)
-    wanted, remarks = _wanted(table, header, options)
-    places = {name: k for k, name in enumerate(header)}
+    wanted, remarks = _wanted(table, options)
+    places = {name: k for k, (name, _) in enumerate(tidy)}
     places |= {name: k for k, name in enumerate(table.header)}
     taken = {}
     for name, (theirs, unit) in wanted.items():
@@ -417,45 +191,54 @@ def _rename_columns(
         if name == "t" and not unit:
             most = float(np.nanmax(table.columns[at[0]], initial=0.0))
             unit = next((unit for unit, least in _LARGE.items() if most > least), "")
+        if parse_unit(unit) is None and name not in options.columns:
+            what = f"the unit of {quoted([theirs])} is not understood: it counts as that of {name}"
+            remarks.append(f"{what}; --columns {name}=NAME:UNIT says another")
+            unit = ""
         taken[name] = at, unit
     used = set[int]().union(*(at for at, _ in taken.values()))
-    for k, (name, unit) in enumerate(tidy):
+    for k, name in enumerate(table.header):
         if k not in used and name not in wanted:
-            known = name == "t" or name in COLUMNS
-            taken[name if known else table.header[k]] = [k], unit * known
+            taken[name] = [k], ""
     columns = dict[str, FloatArray]()
     bad = []
     for name in sorted(taken, key=lambda name: name != "t"):
         at, unit = taken[name]
-        parts_of = [table.columns[k] for k in at]
         try:
-            t = columns.get("t")
-            columns[name] = _in_our_unit(name, parts_of, unit, t, options, radius)
+            parts_of = [table.columns[k] for k in at]
+            values, remark = _in_our_unit(name, parts_of, unit, columns, options, radius)
         except ValueError as error:
-            raise FileError(table.path, f"--columns: {error}") from error
+            if name == "t" or name in options.columns:
+                raise FileError(table.path, f"--columns: {error}") from error
+            remarks.append(f"{error}; without that, {name} is left out")
+            continue
+        remarks += remark
+        columns[name] = values
         bad.append(next((table.bad[k] for k in at if table.bad[k] is not None), None))
     ours = replace(table, header=list(columns), columns=list(columns.values()), bad=bad)
     return ours, remarks
 
 
-def _wanted(
-    table: CsvTable, header: Sequence[str], options: ReadOptions
-) -> tuple[dict[str, tuple[str, str]], list[str]]:
+def _wanted(table: CsvTable, options: ReadOptions) -> tuple[dict[str, tuple[str, str]], list[str]]:
     """Return the columns that are taken for ours, by the options or by their names; and why."""
-    guessed = taken_by_name(header)
-    guessed = {name: theirs for name, theirs in guessed.items() if name not in options.columns}
-    wheels = {name: guessed[name] for name in COMMAND_COLUMNS["wheels"] if name in guessed}
-    wanted = dict(options.columns)
+    header = table.header
+    named = {
+        part for theirs, _ in options.columns.values() for part in (theirs, *theirs.split("+"))
+    }
+    guessed = {}
+    for name, theirs in taken_by_name([name for name in header if name not in named]).items():
+        if name not in (*options.columns, *header):
+            guessed[name] = theirs
     remarks = []
-    if has_other_names([*header, *wanted]):
-        wanted = guessed | wanted
-        if guessed:
-            option = shlex.quote(as_option(wanted))
-            remarks.append(f"columns were taken by their names: --columns {option}")
-    else:
-        wanted |= {name: guessed[name] for name in ("t", "yaw") if name in guessed}
-        if wheels:
-            remarks.append(f"it may have wheels: --columns {as_option(wheels)} takes their means")
+    wheels = {name: guessed[name] for name in COMMAND_COLUMNS["wheels"] if name in guessed}
+    ours = "t" in header and any(name in RECORDED for name in header)
+    if ours and wheels and not any(unit for _, unit in wheels.values()):
+        remarks.append(f"it may have wheels: --columns {as_option(wheels)} takes their means")
+        guessed = {name: theirs for name, theirs in guessed.items() if name not in wheels}
+    wanted = guessed | dict(options.columns)
+    if guessed:
+        option = shlex.quote(as_option(wanted))
+        remarks.append(f"columns were taken by their names: --columns {option}")
     if len(set(wanted.values())) < len(wanted):
         raise FileError(table.path, "--columns takes one column for two")
     return wanted, remarks
@@ -465,32 +248,40 @@ def _in_our_unit(
     name: str,
     parts: Sequence[FloatArray],
     unit: str,
-    t: FloatArray | None,
+    columns: Mapping[str, FloatArray],
     options: ReadOptions,
     radius: float | None,
-) -> FloatArray:
-    """Return the (M,) numbers of a column of ours from those of one or more of theirs.
+) -> tuple[FloatArray, list[str]]:
+    """Return the (M,) numbers of a column of ours from those of one or more of theirs; remarks.
 
     Four are a quaternion, two of a time are seconds and nanoseconds, torques of a side add up, and
-    others are averaged. Positions of wheels become rates. A ValueError says which units there are.
+    others are averaged. Positions of wheels become rates, with counters counted on where they wrap.
+    A ValueError says which units there are.
     """
     if name == "yaw" and len(parts) == 4:
-        return quat_wxyz_to_yaw(np.column_stack([parts[3], *parts[:3]]))
-    if name == "t":
-        if len(parts) == 2:
-            return parts[0] + 1e-9 * parts[1]
-        return parts[0] * unit_factor("t", unit if unit in UNITS else "", None)
+        return quat_wxyz_to_yaw(np.column_stack([parts[3], *parts[:3]])), []
+    if name == "t" and len(parts) == 2:
+        return parts[0] + 1e-9 * parts[1], []
+    factor, leads_to = unit_factor(name, unit, radius, options.ticks_per_turn)
+    remarks = []
+    if name in COMMAND_COLUMNS["wheels"] and leads_to == "rad":
+        if "t" not in columns:
+            raise ValueError("positions of wheels need a column t")
+        rates = []
+        for part in parts:
+            there = np.isfinite(part)
+            whole = 2.0 * math.pi if unit in ("rad", "radians") else 1.0
+            on, size = count_on(part[there], whole)
+            if size:
+                remarks.append(f"{name} counts to {size:.6g}, and is counted on from there")
+            rate = np.full(len(part), math.nan)
+            rate[there] = rates_of_positions(columns["t"][there], on)
+            rates.append(rate)
+        parts = rates
     values = parts[0]
     if len(parts) > 1:
         values = np.sum(parts, axis=0) / (1 if name in MOTOR_COLUMNS[TORQUES] else len(parts))
-    if unit not in UNITS and unit not in ("ticks", "rad") and name not in options.columns:
-        return values  # a header may say anything in brackets
-    if name in COMMAND_COLUMNS["wheels"] and unit in ("ticks", *POSITIONS):
-        angles = values * options.angle(unit)
-        if t is None:
-            raise ValueError("positions of wheels need a column t")
-        return rates_of_positions(t, angles)
-    return values * unit_factor(name, unit, radius)
+    return values * factor if factor != 1.0 else values, remarks
 
 
 def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogLimits) -> Log:
@@ -543,17 +334,17 @@ def _check_names(table: CsvTable) -> None:
             )
 
 
-def _check_twice(table: CsvTable, names: Sequence[str]) -> None:
+def _check_twice(table: CsvTable) -> None:
     """Refuse names of columns that are bad or repeated."""
     path = table.path
     line = table.header_line
-    for k, name in enumerate(names):
+    for k, name in enumerate(table.header):
         if not name:
             continue
         if not is_column_name(name):
             what = f"{quoted([name])} names no column; wanted printable text"
             raise FileError(path, what, line, f"number {k + 1}")
-        if name in names[:k]:
+        if name in table.header[:k]:
             raise FileError(
                 path, "the header names this column twice; each needs a name of its own", line, name
             )

@@ -26,7 +26,6 @@ from validation.files.columns import (
     BESIDE_MOTION,
     GROUPS,
     NO_COLUMN,
-    POSITIONS,
     RECORDED,
     column_of,
     is_column_name,
@@ -173,14 +172,6 @@ class ReadOptions:
     """Ticks of an encoder in a turn of its wheel, for columns in ticks."""
     limits: LogLimits = USUAL
     """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
-
-    def angle(self, unit: str) -> float:
-        """Return the angle of a unit of wheels' positions [rad]; a ValueError asks for ticks."""
-        if unit in POSITIONS:
-            return POSITIONS[unit]
-        if not self.ticks_per_turn:
-            raise ValueError("ticks need their number in a turn of the wheel: --ticks-per-turn N")
-        return 2.0 * math.pi / self.ticks_per_turn
 
 
 PLAIN = ReadOptions()

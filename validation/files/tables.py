@@ -1,0 +1,375 @@
+"""Tables of numbers below a header, as spreadsheets and loggers write them."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import csv
+import io
+import itertools
+import math
+import re
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ssmr.types import FloatArray
+from validation.files.columns import Column, parse_unit
+from validation.files.limits import USUAL, LogLimits
+from validation.files.names import ECHOED
+from validation.files.reading import FileError, opened, quoted
+
+_SEPARATORS = "\t;,| "
+"""Signs between columns; of two that split the lines equally well the first one counts."""
+_HEAD = 1 << 16
+"""Size of the beginning of a file that shows how it is written [bytes]."""
+_LOOKED_AT = 30
+"""Number of its rows that are looked at."""
+_FILES = {
+    b"SQLite format 3": "a ROS 2 bag's file: let its name end in .db3",
+    b"\x89MCAP": "a bag: let its name end in .mcap",
+    b"#ROSBAG": "a ROS 1 bag: let its name end in .bag",
+    b"PK\x03\x04": "a workbook or an archive: save the sheet as CSV, or unpack it",
+    b"\x1f\x8b": "compressed: unpack it by gunzip",
+}
+"""Beginnings of other files, and what is said of them."""
+_COMMENTS = ("#", "%", "//")
+"""Signs before a header that is a comment to others."""
+_NOTHING = ("", "nan", "na", "n/a", "null", "none")
+"""Words, in lower case, of cells in which there is no number."""
+_QUICK = 1 << 22
+"""Size from which on pyarrow, which takes a tenth of a second to import, is quicker [bytes]."""
+_FEWEST = 3
+"""Numbers that a column has at least where such a word, which is not blank, is a gap in it."""
+_DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[ T]")
+_ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
+"""Beginning of a date with a time, and the zone at its end, which all rows share."""
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """Columns of numbers below a header; blank lines are left out."""
+
+    path: Path
+    header: Sequence[str]
+    """Names of the columns."""
+    header_line: int | None
+    """Line on which the header begins, counted from 1; None in a frame, which has no lines."""
+    lines: Sequence[int]
+    """Line on which each row begins."""
+    columns: Sequence[FloatArray]
+    """(M,) numbers of each column, not finite where there is none, NaN where the cell is empty."""
+    bad: Sequence[tuple[int, str] | None]
+    """Row and text of each column's first cell that is no finite number, and not empty; None for a
+    column without one."""
+
+    def numbers(self, place: int, column: Column) -> FloatArray:
+        """Return the column at `place` as (M,) numbers.
+
+        Raises:
+            FileError: a cell is not finite, or too large.
+        """
+        values = self.columns[place]
+        bad = self.bad[place]
+        fault = column.fault(values)
+        if bad is None and fault is None:
+            return values
+        if bad is not None:
+            row, text = bad
+            what = f"{quoted([text.strip()])}, wanted a finite number [{column.unit}]"
+        elif fault is not None:
+            row, what = fault
+            if math.isnan(values[row]):
+                what = f"nothing, wanted a finite number [{column.unit}]"
+        raise FileError(self.path, f"there is {what}", self.lines[row], self.header[place])
+
+
+def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
+    """Read a CSV file. A UTF-8 byte order mark, any line ending and blank lines are accepted.
+
+    Raises:
+        FileError: the file is no CSV file, is empty, has rows that differ in length or is beyond
+            the limits.
+    """
+    layout = _find_layout(path, limits)
+    plain = _read_plain_table(path, layout, limits.samples)
+    return plain or read_rows(path, layout.line, layout.header, _rows(path, layout), limits)
+
+
+def read_rows(
+    path: Path,
+    header_line: int | None,
+    header: Sequence[str],
+    rows: Iterable[tuple[int, list[str]]],
+    limits: LogLimits,
+) -> CsvTable:
+    """Read the rows of any table, cell by cell."""
+    width = len(header)
+    columns = [array("d") for _ in header]
+    lines = array("q")
+    bad: list[tuple[int, str] | None] = [None] * width
+    words: dict[int, tuple[int, str]] = {}
+    decimals: dict[str, tuple[int, str]] = {}
+    for line, row in rows:
+        if len(row) != width:
+            raise FileError(
+                path, f"there are {len(row)} fields, wanted {width} as in the header", line
+            )
+        if len(lines) >= limits.samples:
+            raise FileError(path, f"there are too many rows: {limits.says('samples')}", line)
+        for place, cell in enumerate(row):
+            value = _number(cell)
+            columns[place].append(value)
+            if math.isfinite(value):
+                _note_decimal_sign(decimals, line, cell)
+            elif bad[place] is None and (word := cell.strip()):
+                if word.lower() not in _NOTHING:
+                    bad[place] = (len(lines), cell)
+                words.setdefault(place, (len(lines), cell))
+        lines.append(line)
+    _require_one_sign(path, decimals)
+    for place, word_at in words.items():
+        if np.count_nonzero(np.isfinite(columns[place])) < _FEWEST and bad[place] is None:
+            bad[place] = word_at
+    return CsvTable(
+        path=path,
+        header=[name.strip() for name in header],
+        header_line=header_line,
+        lines=lines,
+        columns=[np.array(column, dtype=np.float64) for column in columns],
+        bad=bad,
+    )
+
+
+def _note_decimal_sign(found: dict[str, tuple[int, str]], line: int, cell: str) -> None:
+    """Keep the first number with a decimal point, and the first with a comma."""
+    for sign in ".,":
+        if sign in cell and not _DATE.match(cell):
+            found.setdefault(sign, (line, cell))
+
+
+def _require_one_sign(path: Path, found: Mapping[str, tuple[int, str]]) -> None:
+    """Refuse a table in which some numbers have a decimal point, and some a comma."""
+    if len(found) == 2:
+        (_, first), (line, second) = sorted(found.values())
+        what = f"there are {quoted([first, second])}: write all decimals with the same sign"
+        raise FileError(path, what, line)
+
+
+def _read_plain_table(path: Path, layout: _Layout, most: float) -> CsvTable | None:
+    """Return a large table whose cells are all finite numbers or empty; None for any other.
+
+    pyarrow reads it several times as fast as what reads others with care.
+    """
+    if path.stat().st_size < _QUICK or layout.separator == " " or layout.encoding != "utf-8-sig":
+        return None
+    table = _parsed_by_arrow(path, layout)
+    if table is None or not 0 < len(table) <= most:
+        return None
+    columns = []
+    for column in table.columns:
+        # through dlpack, as its own conversion imports pandas
+        chunks = [np.from_dlpack(chunk) for chunk in column.fill_null(math.nan).chunks]
+        columns.append(np.concatenate(chunks))
+    empty = [~np.isfinite(column) for column in columns]
+    nulls = [column.null_count for column in table.columns]
+    # to pyarrow a blank line is a row of nothing
+    if list(map(np.count_nonzero, empty)) != nulls or np.all(empty, axis=0).any():
+        return None
+    first = layout.skipped + 1
+    lines = range(first, first + len(columns[0]))
+    header = [name.strip() for name in layout.header]
+    return CsvTable(path, header, layout.line, lines, columns, [None] * len(header))
+
+
+def _parsed_by_arrow(path: Path, layout: _Layout) -> Any:
+    """Return a table of pyarrow, with points or else commas in numbers; None where it has none."""
+    try:
+        from pyarrow import csv as quick
+        from pyarrow import float64
+    except ImportError:
+        return None
+    names = [str(k) for k in range(len(layout.header))]
+    reading = quick.ReadOptions(column_names=names, skip_rows=layout.skipped)
+    parsing = quick.ParseOptions(delimiter=layout.separator, ignore_empty_lines=False)
+    numbers = dict.fromkeys(names, float64())
+    for point in ".,":
+        converting = quick.ConvertOptions(
+            column_types=numbers, null_values=[""], decimal_point=point
+        )
+        try:
+            return quick.read_csv(path, reading, parsing, converting)
+        except (OSError, ValueError):  # which is said by what reads with care
+            continue
+    return None
+
+
+class _Layout(NamedTuple):
+    """How a table is written."""
+
+    encoding: str
+    separator: str
+    line: int
+    """Line on which the header begins, counted from 1."""
+    skipped: int
+    """Number of lines before the first row of numbers."""
+    header: list[str]
+    """Names of the columns."""
+
+
+class _Row(NamedTuple):
+    """A row of a table."""
+
+    line: int
+    """Line on which it begins, counted from 1."""
+    end: int
+    """Line on which it ends."""
+    cells: list[str]
+
+
+def _find_layout(path: Path, limits: LogLimits) -> _Layout:
+    """Return how a table is written, by its beginning.
+
+    The sign between the columns is the one that splits most rows into equally many cells, and the
+    header is the first such row. Units may stand in a row below it. What `ros2 topic echo --csv`
+    writes has no header; the number of columns tells the message.
+    """
+    with opened(path, limits.bytes_of("table_size"), "table_size") as file:
+        head = file.read(_HEAD)
+    others = [what for beginning, what in _FILES.items() if head.startswith(beginning)]
+    if others:
+        raise FileError(path, f"this is no CSV file but {others[0]}")
+    encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else ""
+    encoding = encoding or "utf-8-sig"
+    lines = list(io.StringIO(head.decode(encoding, _errors_in(encoding)), newline=""))
+    if len(head) == _HEAD:
+        lines.pop()
+    separator, rows = max(
+        ((sign, _first_rows(lines, sign)) for sign in _SEPARATORS),
+        key=lambda found: _alike(found[1])[0],
+    )
+    if not rows:
+        what = "a header line with the names of columns, and lines of numbers"
+        raise FileError(path, f"the file is empty; wanted {what}")
+    if "\0" in "".join(rows[0].cells):
+        what = "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text"
+        raise FileError(path, what, rows[0].line)
+    _, width = _alike(rows)
+    if width == 1:
+        what = "nothing separates the columns; wanted commas, semicolons, tabs or spaces"
+        raise FileError(path, what, rows[0].line)
+    first = next(k for k, row in enumerate(rows) if len(row.cells) == width)
+    header, skipped = _find_header(path, rows[max(first - 1, 0) :], width)
+    names = [_as_text(name) for name in header.cells]
+    return _Layout(encoding, separator, header.line, skipped, names)
+
+
+def _first_rows(lines: Iterable[str], separator: str) -> list[_Row]:
+    """Return the first rows of a table, if this sign separates its columns."""
+    rows = list[_Row]()
+    with contextlib.suppress(csv.Error):
+        rows.extend(itertools.islice(_split_rows(lines, separator), _LOOKED_AT))
+    return rows
+
+
+def _alike(rows: Sequence[_Row]) -> tuple[int, int]:
+    """Return how many rows have the usual number of cells, none if that is one, and the number."""
+    usual = Counter(len(row.cells) for row in rows).most_common(1)
+    width, count = usual[0] if usual else (1, 0)
+    return count * (width > 1), width
+
+
+def _find_header(path: Path, rows: Sequence[_Row], width: int) -> tuple[_Row, int]:
+    """Return the header and the number of lines before the first numbers; units may stand below.
+
+    The first row that has the usual `width` is the first or the second.
+    """
+    wide = len(rows[0].cells) != width
+    first = rows[wide]
+    header = first
+    if width in ECHOED and not _is_text(first.cells[0]) and _is_text(first.cells[2]):
+        names = [name or f"_{k}" for k, name in enumerate(ECHOED[width])]
+        return _Row(first.line, first.line - 1, names), first.line - 1
+    if not any(_is_text(cell) for cell in first.cells if cell.strip()):
+        header = rows[0]
+        if not wide or len(header.cells) == 1:
+            what = "there are numbers where the names of the columns should be; put a line"
+            raise FileError(path, f"{what} such as t,x,y,yaw above them", first.line)
+        return header, header.end
+    below = rows[wide + 1] if len(rows) > wide + 1 else first
+    cells = [cell.strip(" []()") for cell in below.cells]
+    if len(cells) == width and all(_is_text(cell) and parse_unit(cell) for cell in cells):
+        named = zip(header.cells, cells, strict=True)
+        return header._replace(cells=[f"{name} [{unit}]" for name, unit in named]), below.end
+    return header, header.end
+
+
+def _errors_in(encoding: str) -> str:
+    """Return what becomes of bytes that are no text: signs that are no number."""
+    return "replace" if encoding == "utf-16" else "surrogateescape"
+
+
+def _as_text(name: str) -> str:
+    """Return a name whose bytes are no UTF-8 as older spreadsheets mean it."""
+    if name.isascii() or not any("\udc80" <= sign <= "\udcff" for sign in name):
+        return name
+    return name.encode("utf-8", "surrogateescape").decode("cp1252", "replace")
+
+
+def _split_rows(lines: Iterable[str], separator: str, skipped: int = 0) -> Iterator[_Row]:
+    """Yield the rows of (the rest of) a table that are not blank; a csv.Error says what is none."""
+    reader = csv.reader(lines, delimiter=separator, skipinitialspace=separator == " ", strict=True)
+    line = skipped + 1
+    for row in reader:
+        cells = row[1:] if row and row[0].strip() in _COMMENTS else row
+        if separator == " " and cells and not cells[-1]:
+            cells = cells[:-1]
+        end = skipped + reader.line_num
+        if len(cells) > 1 or any(map(str.strip, cells)):
+            yield _Row(line, end, cells)
+        line = end + 1
+
+
+def _is_text(cell: str) -> bool:
+    return math.isnan(_number(cell))
+
+
+def _number(cell: str) -> float:
+    try:
+        # Python reads 1_0 as 10, which no logger writes
+        return math.nan if "_" in cell else float(cell)
+    except ValueError:
+        pass
+    if _DATE.match(cell):
+        return _date(cell.replace(",", "."))
+    if "," in cell and "." not in cell:
+        return _number(cell.replace(",", ".")) if cell.count(",") == 1 else math.nan
+    return math.nan
+
+
+def _date(cell: str) -> float:
+    """Return a date as pandas and ISO 8601 write it, in seconds of Unix time; NaN for none."""
+    try:
+        return float(np.datetime64(_ZONE.sub("", cell.strip()), "ns").astype(np.int64)) * 1e-9
+    except ValueError:
+        return math.nan
+
+
+def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line and the cells of each row below the header; bad UTF-8 will be no number."""
+    line = layout.skipped
+    with opened(path) as file:
+        try:
+            errors = _errors_in(layout.encoding)
+            text = io.TextIOWrapper(file, encoding=layout.encoding, errors=errors, newline="")
+            below = itertools.islice(text, layout.skipped, None)
+            for row in _split_rows(below, layout.separator, layout.skipped):
+                line = row.end
+                yield row.line, row.cells
+        except csv.Error as cause:
+            raise FileError(path, f"this is no CSV: {cause}", line + 1) from cause

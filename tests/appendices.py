@@ -15,7 +15,9 @@ APPENDICES: Mapping[str, Sequence[str]] = {
         "validation/ros",
         "benchmarks/ros.py",
         "tests/test_ros*.py",
+        "tests/ros_drive.py",
         "tests/ros_fakes.py",
+        "tests/test_follower_faults.py",
         "docs/ros.md",
     ),
     "learning": (

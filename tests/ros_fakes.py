@@ -119,6 +119,8 @@ class RobotNode(FakeNode):
         self.command = command
         self.dead_time = dead_time
         self.late = late
+        self.tracking = ""
+        self.silent_from = np.inf
         self.blocked: Callable[[float], bool] = lambda t: False
         self.jumped: Callable[[float], float] = lambda t: 0.0
         self.pose = np.zeros(3)
@@ -126,7 +128,7 @@ class RobotNode(FakeNode):
         self.tick = 0
 
     def _take(self, timeout: float) -> list[tuple[str, Any]]:
-        while 0.02 * self.tick <= self.clock() + timeout - 100.0:
+        while 0.02 * self.tick <= min(self.clock() + timeout - 100.0, self.silent_from):
             t = 0.02 * self.tick
             heard = (
                 m
@@ -141,6 +143,9 @@ class RobotNode(FakeNode):
             (v, w), yaw = self.speeds.tolist(), self.pose[2]
             self.pose = self.pose + 0.02 * np.array([v * np.cos(yaw), v * np.sin(yaw), w])
             x, y, yaw = self.pose.tolist()
+            if self.tracking:
+                there = msg.pose_message(t + 1.0, "world", self.pose + np.array([5.0, 0.0, 0.0]))
+                self.plan(self.tracking, t + self.late, message(there))
             self.plan(
                 msg.FILTERED_TOPIC,
                 t + self.late,

@@ -497,10 +497,11 @@ PRICES = {
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
-        13_600,
+        16_400,
         5,
-        31,
-        "the robot and its controller on a ROS 2 graph",
+        33,
+        "the robot and its controller on a ROS 2 graph; a supervisor names what is wrong with it, "
+        "and a robot that was held waits for a confirmation",
     ),
     "validation/simulator": Price(
         23_200,

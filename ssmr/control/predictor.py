@@ -333,6 +333,22 @@ def learnt_references(memory: FloatArray) -> DriverEstimate:
     )
 
 
+def modelled_speeds(memory: FloatArray) -> FloatArray:
+    """Return (2, n) speeds and yaw rates of the model now, one for each delay that is tried."""
+    return memory[_HISTORY : _HISTORY + 2 * _KEPT].reshape(2, _KEPT)[:, :_SHIFTS]
+
+
+def stop_model(past: FloatArray, memory: FloatArray, t: float, pose: Observation) -> None:
+    """Let a predictor's robot stand at a `pose` at time `t` [s], in place; what it learnt stays."""
+    past[:] = 0.0
+    memory[: MODEL_W + 1] = 0.0
+    memory[[_AT, _SENT_AT, _GRID_AT]] = t
+    memory[_POSE:LEARNT] = pose.x, pose.y, pose.yaw
+    memory[_EARLY:_GRID_AT] = 0.0
+    memory[_SEEN:_SQUARES] = 0.0
+    memory[_HISTORY:_SUMS] = 0.0
+
+
 @jit
 def _nominal_driver(memory: FloatArray, first: int) -> DriverEstimate:
     """Return the driver's references, kept from the number `first` on, without learnt gains."""

@@ -175,7 +175,7 @@ class Waypoints:
         if (
             self.lengths[-1] < left / 5.0
         ):  # corners between waypoints would turn the target in jumps
-            places = np.append(places[0], along[~before])
+            places = np.append(places[0], along[along > places[0] + 1e-3 * left])
             share = np.sqrt(np.clip((self.length - places) / left, 0.0, 1.0))
         xy = np.column_stack([np.interp(places, along, self.xy[:, k]) for k in (0, 1)])
         begin = np.interp(self.length - left, along, self.t)

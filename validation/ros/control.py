@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
+import select
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from ssmr.control.law import Observation
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.errors import SsmrError
 from validation import cli
@@ -78,8 +81,17 @@ class Control(Graph):
     """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens; cmd_vel if not
     given."""
     stop: str = ""
-    """Topic of std_msgs/Bool that says whether the emergency stop is on: the target waits while it
-    is. The Husky's if not given."""
+    """Topic of std_msgs/Bool that says whether the emergency stop is on; the Husky's if not
+    given."""
+    restart: Literal["confirm", "auto"] = "confirm"
+    """Way in which a held robot goes on: when somebody confirms it, by true on the topic
+    /platform/confirm_restart or by Enter in this terminal, or by itself."""
+    wheels: str = ""
+    """Topic of nav_msgs/Odometry by the wheels alone, which are compared with the commands;
+    /platform/odom if not given."""
+    imu: str = ""
+    """Topic of sensor_msgs/Imu, whose gyro is compared with the wheels; /sensors/imu_0/data if not
+    given."""
     feedback: Literal["odometry", "pose"] = "odometry"
     """Pose that the controller sees: the odometry's or the tracking system's."""
     v_limit: float | None = None
@@ -90,7 +102,7 @@ class Control(Graph):
     lookahead: float = 0.0
     """Distance that the robot keeps behind its target (Sec. 4.5) [m]."""
     patience: float = 30.0
-    """Time for which a robot is waited for, before the drive and where it does not obey [s]."""
+    """Time for which a robot is waited for, before the drive and under its emergency stop [s]."""
     out: cli.AnyPath = None
     """Folder for the files; runs/ros/CONTROLLER-REFERENCE if not given."""
     overwrite: bool = False
@@ -125,6 +137,14 @@ class ControlNode:
         self._stop = options.stop or options.topic(msg.STOP_TOPIC)
         node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
         node.subscribe(options.pose, "geometry_msgs/msg/PoseStamped", msg.read_pose, _POSES_KEPT)
+        self._restart = options.topic(msg.RESTART_TOPIC)
+        node.subscribe(self._restart, "std_msgs/msg/Bool", lambda m: bool(m.data))
+        self._wheels = options.wheels or options.topic(msg.WHEELS_TOPIC)
+        if self._wheels != options.odometry:
+            odometry = "nav_msgs/msg/Odometry"
+            node.subscribe(self._wheels, odometry, msg.read_odometry, _FEEDBACK_KEPT)
+        self._imu = options.imu or options.topic(msg.IMU_TOPIC)
+        node.subscribe(self._imu, "sensor_msgs/msg/Imu", msg.read_gyro, _FEEDBACK_KEPT)
 
     def run(self) -> None:
         """Wait for the robot, drive it, and stop it, however the drive ends.
@@ -192,6 +212,8 @@ class ControlNode:
             if (left := start + k * VELOCITY_PERIOD - self._clock()) > 0.0:
                 self._take(self._node.receive(left))
                 continue
+            if self._follower.held and _enter_was_pressed():
+                self._follower.confirm()
             command = self._follower.command(self._clock(), self._refusals())
             self._log_changes()
             self._node.publish(self._options.command, msg.twist_message(*command))
@@ -199,39 +221,65 @@ class ControlNode:
             k = max(k + 1, passed)  # no deadline that was slept through is made up for
 
     def _log_changes(self) -> None:
-        """Warn when the target begins to wait or goes on, and once when feedback is late."""
+        """Warn when the robot is held or goes on, and once when feedback is late."""
         follower = self._follower
         if follower.held != self._last_held:
             self._last_held = follower.held
             if follower.held:
-                _logger.warning("the target waits: %s", follower.held)
+                _logger.warning("the robot is held: %s", follower.held)
+                if self._options.restart == "confirm":
+                    _logger.warning("it goes on by Enter, or by true on %s", self._restart)
             else:
-                _logger.warning("the robot obeys again: it goes on")
+                _logger.warning("the robot goes on")
         if follower.late > LATE and not self._warned_late:
             self._warned_late = True
             _logger.warning("%s", _late_sentence(follower.late))
 
     def _take(self, messages: Sequence[tuple[str, Any]]) -> None:
+        follower = self._follower
+        for topic, value in messages:
+            if topic == self._stop:
+                follower.emergency_stop = value
+            elif topic == self._restart:
+                if value:
+                    follower.confirm()
+            elif topic == self._imu:
+                follower.take_gyro(*value)
+            elif topic == self._wheels != self._options.odometry:
+                stamp, seen = value
+                follower.take_wheels(stamp, (seen.v, seen.w))
+            else:
+                self._take_motion(topic, *value)
+
+    def _take_motion(self, topic: str, stamp: float, seen: Observation) -> None:
+        """Take odometry or a pose of a tracking system."""
         o = self._options
         now = self._clock()
         by_pose = o.feedback == "pose"
-        for topic, value in messages:
-            if topic == self._stop:
-                self._follower.emergency_stop = value
-                continue
-            stamp, seen = value
-            if topic == o.odometry:
-                self._speeds = (seen.v, seen.w)
-                self._speeds_at = now
-                if not by_pose:
-                    self._follower.update(stamp, seen, now)
-                continue
-            if not self._follower.track(stamp, seen):
-                text = f"{topic}: stamp {stamp:.3f} s does not go on from those before"
-                self._node.say("tracked", text)
-            if by_pose and now - self._speeds_at <= FRESH:
-                v, w = self._speeds
-                self._follower.update(stamp, seen._replace(v=v, w=w), now)
+        if topic == o.odometry:
+            self._speeds = (seen.v, seen.w)
+            self._speeds_at = now
+            if not by_pose:
+                self._follower.update(stamp, seen, now)
+            return
+        if not self._follower.track(stamp, seen):
+            text = f"{topic}: stamp {stamp:.3f} s does not go on from those before"
+            self._node.say("tracked", text)
+        if by_pose and now - self._speeds_at <= FRESH:
+            v, w = self._speeds
+            self._follower.update(stamp, seen._replace(v=v, w=w), now)
+
+
+def _enter_was_pressed() -> bool:
+    """Return whether somebody pressed Enter in this program's terminal, if it has one."""
+    stdin = sys.stdin
+    if stdin is None or stdin.closed or not stdin.isatty():
+        return False
+    try:
+        ready, _, _ = select.select([stdin], [], [], 0.0)
+    except (OSError, ValueError):  # Windows waits for sockets alone
+        return False
+    return bool(ready and stdin.readline())
 
 
 def _late_sentence(late: float) -> str:
@@ -249,11 +297,12 @@ def control(options: Control) -> Tracked:
     It starts when feedback comes steadily from a robot that stands.
 
     The robot is stopped where it rests at the reference's end, on Ctrl-C, and on any error; when
-    feedback is older than 0.5 s, its pose jumps by 0.3 m, it is 0.5 m from its target, or it has
-    moved otherwise than by its commands for 0.4 s: somebody else drives it.
+    feedback is older than 0.5 s or five messages, or when its signals contradict each other: the
+    pose its speeds, speeds and wheels the commands, wheels the gyro.
 
-    The target waits while the emergency stop is on or the robot does not do what it is told. Then
-    the robot goes on with at most 1.2 times the path's speed until the target is within 50 mm.
+    The robot is held while the emergency stop is on, and where no motion is seen though it is told
+    to move. It goes on by a confirmation, with at most 1.2 times the path's speed until the target
+    is within 50 mm.
 
     Writes track.json and track.png, also of a drive that was stopped.
 
@@ -282,6 +331,7 @@ def control(options: Control) -> Tracked:
         w_limit=o.w_limit,
         lookahead=o.lookahead,
         patience=o.patience,
+        auto_restart=o.restart == "auto",
     )
     node = Node(f"{msg.ros_name(robot)}_control", o)
     status = _ARRIVED
@@ -349,10 +399,7 @@ def _drive_remarks(follower: PathFollower, status: str) -> list[str]:
             "the errors to the moving target cover the time until then."
         )
     if follower.held_time:
-        remarks.append(
-            f"The target waited for {follower.held_time:.1f} s for a robot that did not obey; "
-            "that time is left out."
-        )
+        remarks.append(f"The robot was held for {follower.held_time:.1f} s; that time is left out.")
     if follower.late > LATE:
         remarks.append(f"Warning: {_late_sentence(follower.late)}.")
     return remarks

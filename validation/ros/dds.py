@@ -41,7 +41,7 @@ _GLOBAL = ("/clock", "/vrpn_mocap/")
 system."""
 _KEPT = 10
 """Messages that a writer keeps for slow readers: ROS 2's default."""
-_SENSORS = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped")
+_SENSORS = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/Imu")
 """Types that are listened to with best effort."""
 _ALSO_AS = {"geometry_msgs/msg/Twist": ("geometry_msgs/msg/TwistStamped",)}
 """Types that come and go in two forms: robots of Humble take Twist, and those of Jazzy

@@ -5,16 +5,15 @@ instants of a clock (Sec. 4.3.2). Mission time is counted by the messages' stamp
 observation belong to one instant, however long the message took. The receiver's own clock watches
 that messages still come. There is no ROS and no clock in this module.
 
-Mission time stands still while the emergency stop is on, and while the robot does not do what it is
-told: then it is that of the last message by which the robot obeyed. So no error grows that the
-robot would chase later.
+A robot whose emergency stop is on, or that does not move where it is told to, is held: it is
+commanded to stand, and mission time stands still. It goes on when somebody confirms that it may,
+from the place of its path at which it stands, so there is no error that it would chase.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -29,32 +28,31 @@ from ssmr.control.loop import (
 )
 from ssmr.control.predictor import (
     LEARNT,
-    MODEL_V,
-    MODEL_W,
-    learnt_references,
     predict_ahead,
     remember_command,
+    stop_model,
 )
 from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, Clock, record_tick
-from ssmr.control.waypoints import Waypoints
+from ssmr.control.waypoints import Waypoints, targets_at
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose_poses, invert_pose, wrap_angle
+from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, Motion
 from validation.experiment.loops import AnyController
 from validation.ros.messages import STAND_STILL, Twist
 from validation.ros.watch import (
-    ASTRAY,
     BRAKING,
     GENTLE,
-    JUMP,
-    STRANGE_FOR,
-    Watch,
+    SenderClock,
+    Supervisor,
     even_run,
     limited_motion,
 )
 
 FRESH = 0.5
-"""Age from which feedback is too old to drive by [s]."""
+"""Age from which feedback is too old to drive by [s], where messages come often."""
+_MISSED = 5
+"""Messages in a row that may be lost where they come seldom."""
 _SETTLED = 5
 """Number of fresh messages in a row from a standing robot before it is driven."""
 _MOVING = 0.05
@@ -62,10 +60,10 @@ _MOVING = 0.05
 _SAME_CLOCK = 5.0
 """Greatest difference between the stamps of a tracking system and of the feedback, if they are of
 one clock [s]."""
-_SHARE = 0.25
-"""Least share of the commanded motion by which a robot counts as one that obeys [1]."""
+_ASTRAY = 0.5
+"""Greatest distance from the target, beyond the look-ahead [m]."""
 _ANSWER = 0.5
-"""Time after its dead time within which a robot begins to obey [s]."""
+"""Time after its dead time within which a robot that starts has its speed [s]."""
 _NEAR = 0.05
 """Distance of a target that is reached again [m]."""
 _GENTLE_BEND = 1.0
@@ -75,21 +73,23 @@ _AT_REST = 0.02
 """Distance of the last waypoint at which it may rest [m]."""
 _SETTLING = 3.0
 """Longest time for which the robot is driven behind the end until it rests [s]."""
+_AROUND = 2.0
+"""Time about that of the hold within which a held robot's place on its path lies [s]."""
+DEAF = 10.0
+"""Time for which a robot is held whose motion is not known [s]."""
+_PROBE = 0.05
+"""Speed by which a held robot is asked whether it moves [m/s]."""
+_PROBE_WAY = 0.1
+"""Way that all such probes of a hold may take together [m]."""
+_PROBE_TIME = 0.8
+"""Length of a probe [s]; as long again twice over it stands."""
+STOP_ON = "the emergency stop is on"
+STOP_OFF = "the emergency stop was released: confirm that the robot may go on"
+NO_MOTION = "no motion is seen where it is told to move"
 
 
 class StoppedError(SsmrError):
     """The robot was stopped before the reference's end; the message says why."""
-
-
-class _LastResponse(NamedTuple):
-    """The follower at the last message by which the robot obeyed."""
-
-    stamp: float  # of the message [s]
-    t: float  # mission time [s]
-    seen: Observation
-    rows: int  # number of rows that were recorded until then
-    poses: int  # the same of poses
-    predictor: tuple[FloatArray, FloatArray]  # the commands and the memory of the predictor
 
 
 class PathFollower:
@@ -104,6 +104,7 @@ class PathFollower:
         w_limit: float = 1.0,
         lookahead: float = 0.0,
         patience: float = 30.0,
+        auto_restart: bool = False,
     ) -> None:
         """Design the law and compile the loops, so that nothing is slow once the robot moves.
 
@@ -116,7 +117,9 @@ class PathFollower:
             v_limit: greatest speed ever commanded [m/s], `GENTLE` times the path's if not given.
             w_limit: greatest yaw rate ever commanded [rad/s].
             lookahead: distance that the robot keeps behind its target [m].
-            patience: time for which the target waits for a robot that does not obey [s].
+            patience: time for which a robot under an emergency stop is waited for [s].
+            auto_restart: whether a held robot goes on without a confirmation; one that did not
+                move is asked by creeping, over 0.1 m at most.
 
         Raises:
             ControllerError: the object cannot be made, or gives no command.
@@ -126,45 +129,35 @@ class PathFollower:
         course = waypoints.course()
         fastest = float(course["v"].max())
         waypoints = waypoints.braked(BRAKING)
-        if v_limit is None:
-            v_limit = min(GENTLE * fastest, 10.0)
-        if not (0.0 < v_limit <= 10.0 and 0.0 < w_limit <= 10.0):
-            raise ValueError(
-                f"v_limit = {v_limit:g}, w_limit = {w_limit:g}: "
-                "both must be positive and at most 10"
-            )
         drive = controller.drive
-        self.v_limit = min(drive.v_max, v_limit)
-        self.w_limit = min(drive.w_max, w_limit)
+        self.v_limit, self.w_limit = _limits_of_drive(drive, fastest, v_limit, w_limit)
         self.lookahead = lookahead
-        if fastest > self.v_limit:
-            raise ValueError(
-                f"the reference asks for {fastest:.3g} m/s; the limit is {self.v_limit:g} m/s"
-            )
         self.controller = controller.on(replace(drive, v_max=self.v_limit, w_max=self.w_limit))
         self.waypoints = waypoints
         self.phase = "waiting"
         """Phase of the drive: waiting, driving or arrived."""
         self.why_waiting = "no feedback yet"
-        self.emergency_stop = False
-        """Whether the robot's emergency stop is on."""
         self.held = ""
-        """Why the target waits; empty while it does not."""
+        """Why the robot is held; empty while it is not."""
         self.held_time = self.late = 0.0
-        """Time for which the target has waited, and by which the robot answers later than its drive
-        says, messages included [s]."""
+        """Time for which the robot was held, and by which it answers later than its drive says,
+        messages included [s]."""
+        self._stops = False
+        self._confirmed = False
+        self._auto = auto_restart
+        self._hold_at = 0.0
+        self._probed = 0.0
         self._patience = patience
         turn = max(float(np.abs(course["w"]).max()), fastest / _GENTLE_BEND)
         self._gentle = (GENTLE * fastest, GENTLE * turn)
         self._gently = False
-        self._released = -math.inf
+        self._gently_until = 0.0
         self._sent = Command(*STAND_STILL)
-        self._watch = Watch()
+        self._clock = SenderClock()
         self._arrival = self._stamp = -math.inf
         self._fresh = self._repeated = 0
-        self._begin = 0.0
-        self._at = INITIAL_STATE.seen
-        self._response: _LastResponse
+        self._begin = self._t = 0.0
+        self._at = self._on_reference = INITIAL_STATE.seen
         self._to_reference = np.zeros(3)
         self._yaw = 0.0
         self._times = list[float]()
@@ -184,14 +177,15 @@ class PathFollower:
         trackers = make_trackers([law], [loop], self.waypoints, clock, self.waypoints.start)
         (self._side,) = robot_sides([law], [loop], self.waypoints, trackers)
         self._model = self._side.tracker.predictor
+        self._supervisor = Supervisor(self._model, self.controller.drive.command_half_track)
 
     def _run_velocity_loop(self, t: float) -> Command:
         side = self._side
-        side.velocity_tick(t + self._watch.lateness, VELOCITY_PERIOD)
+        side.velocity_tick(t + self._clock.lateness, VELOCITY_PERIOD)
         command = side.state.command
         if not side.tracker.predicts:
             remember_command(
-                side.tracker.past, side.tracker.predictor_state, *command, t + self._watch.lateness
+                side.tracker.past, side.tracker.predictor_state, *command, t + self._clock.lateness
             )
         return command
 
@@ -201,7 +195,7 @@ class PathFollower:
         tracker = side.tracker
         memory = tracker.predictor_state
         if not isinstance(side, PythonSide):  # that one knows when its command is sent
-            horizon = self._model.horizon + self._watch.lateness
+            horizon = self._model.horizon + self._clock.lateness
             side.tracker = tracker._replace(predictor=self._model._replace(horizon=horizon))
         if not tracker.predicts:  # what the robot should do is known under any law
             predict_ahead(tracker.past, memory, seen, t, t, self._model)
@@ -231,33 +225,35 @@ class PathFollower:
     def update(self, stamp: float, seen: Observation, now: float) -> None:
         """Take pose and speeds of `stamp` [s] that came at `now` [s], and run the position loop.
 
-        A message with the stamp of the last one is the same message again.
+        A message that is not newer than the last one, or is not finite, changes nothing. Neither
+        does a pose that does not follow from the last one and the speeds.
 
         Raises:
-            StoppedError: the sender's clock or the pose jumped, the robot has not obeyed for too
-                long, or it is farther from its target than it may be.
+            StoppedError: the sender's clock jumped, the signals contradict each other, the robot
+                was held for too long, or it is farther from its target than it may be.
             ControllerError: the controller failed.
         """
         dt = stamp - self._stamp
-        self._stamp = stamp
-        if dt == 0.0:
+        if not (dt > 0.0 and all(map(math.isfinite, seen))):
             self._repeated += 1
             return
+        self._stamp = stamp
         self._arrival = now
         self._repeated = 0
-        self._watch.message(now - stamp, dt)
+        self._clock.take(stamp, now - stamp)
         if self.phase == "waiting":
             self._start_if_settled(seen, dt)
         if self.phase != "driving":
             return
-        if not 0.0 < dt < FRESH:
+        if dt >= self.patient:
             raise StoppedError(f"the stamps of the feedback jumped by {dt:.3f} s")
-        jump = math.hypot(seen.x - self._at.x, seen.y - self._at.y) - abs(seen.v) * dt
-        if jump >= JUMP:
-            raise StoppedError(f"the pose jumped by {jump:.2f} m (at most {JUMP:g} m)")
+        follows = self._supervisor.judge_pose(self._at, seen, dt)
+        if cause := self._supervisor.cause_of_pose():
+            raise StoppedError(cause)
         self._at = seen
-        self._watch_motion(stamp, seen)
-        if self._is_held(stamp, seen):
+        if self.held:
+            self._wait_for_restart(stamp, seen)
+        if self.held or not follows:
             return
         t = stamp - self._begin - self.held_time
         self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped (Sec. 4.2)
@@ -266,105 +262,131 @@ class PathFollower:
         on_reference = Observation(x, y, yaw, seen.v, seen.w)
         self._rows.append(self._run_position_loop(on_reference, t, dt))
         self._times.append(t)
-        self._go_on(stamp, t, on_reference)
+        self._t = t
+        self._judge_motion(stamp, seen, dt)
+        if not self.held:
+            self._go_on(t, on_reference)
 
-    def _go_on(self, stamp: float, t: float, seen: Observation) -> None:
+    def take_wheels(self, stamp: float, twist: Twist) -> None:
+        """Take speed [m/s] and yaw rate [rad/s] by the wheels alone, of time `stamp` [s]."""
+        self._supervisor.take_wheels(stamp, twist)
+
+    def take_gyro(self, stamp: float, w: float) -> None:
+        """Take the gyro's yaw rate [rad/s] of time `stamp` [s]."""
+        self._supervisor.take_gyro(stamp, w)
+
+    @property
+    def patient(self) -> float:
+        """Age from which feedback is too old to drive by [s]."""
+        return max(FRESH, self._clock.longest_silence(_MISSED))
+
+    def _go_on(self, t: float, seen: Observation) -> None:
         """Judge where the robot is on the reference: astray, near its target, or at its rest."""
         aim = self._side.state.target
         away = math.hypot(seen.x - aim.x, seen.y - aim.y)
-        if away > ASTRAY + self.lookahead:
+        if away > _ASTRAY + self.lookahead:
             raise StoppedError(
-                f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {ASTRAY:g} m)"
+                f"the robot is {away:.2f} m from its target at t = {t:.2f} s "
+                f"(at most {_ASTRAY:g} m)"
             )
-        if stamp > self._released + self._answer and away <= _NEAR + self.lookahead:
+        if t > self._gently_until and away <= _NEAR + self.lookahead:
             self._gently = False
         if t > _SETTLING:  # motors at their limit at a start are no lateness
             learnt_delay = float(self._side.tracker.predictor_state[LEARNT])
-            self.late = learnt_delay + self._watch.lateness
+            self.late = learnt_delay + self._clock.lateness
         behind = t - self.waypoints.duration
         rests = self._speed_of(seen.v, seen.w) < _MOVING and away <= _AT_REST + self.lookahead
         if behind >= _SETTLING or (behind >= -1e-9 and rests):
             self.phase = "arrived"
 
-    @property
-    def _answer(self) -> float:
-        """Time within which a robot begins to obey [s]."""
-        return self._model.horizon + _ANSWER
-
     def _speed_of(self, v: float, w: float) -> float:
         """Return the speed [m/s] of the faster side's wheels, but for the sign of the bend."""
         return math.hypot(v, self.controller.drive.command_half_track * w)
 
-    def _watch_motion(self, stamp: float, seen: Observation) -> None:
-        """Stop a robot that moves otherwise than by its commands: somebody else drives it."""
+    def _judge_motion(self, stamp: float, seen: Observation, dt: float) -> None:
+        """Hold a robot that does not move, and stop one that moves otherwise than by commands."""
         memory = self._side.tracker.predictor_state
-        driver = learnt_references(memory)
-        v = driver.gain_v * memory[MODEL_V]
-        w = driver.gain_w * memory[MODEL_W]
-        moves = 0.0 if self.emergency_stop else self._speed_of(seen.v, seen.w)
-        difference = self._speed_of(seen.v - v, seen.w - w)
-        if self._watch.is_strange(stamp, moves, self._speed_of(v, w), difference):
-            raise StoppedError(
-                f"the robot has moved otherwise than by its commands for {STRANGE_FOR:g} s: "
-                f"{seen.v:.2f} m/s and {seen.w:.2f} rad/s where {v:.2f} and {w:.2f} were expected; "
-                "does somebody else drive it?"
-            )
+        self._supervisor.judge_motion(stamp, seen, memory, dt)
+        cause = self._supervisor.cause_of_motion(seen)
+        if not cause:
+            return
+        stands = self._speed_of(seen.v, seen.w) < _MOVING
+        if stands and self._speed_of(*self._sent) >= _MOVING:
+            self._hold(NO_MOTION)
+            return
+        raise StoppedError(cause)
 
-    def _is_held(self, stamp: float, seen: Observation) -> bool:
-        """Whether the target waits; if so, drop the record since the robot last obeyed."""
-        within = self._answer
-        last = self._response
-        if not self.emergency_stop and self._obeys(seen, within):
-            self.held = ""
-            t = stamp - self._begin - self.held_time
-            self._response = self._responded(stamp, t, seen)
-            return False
-        waited = stamp - last.stamp
-        if self.emergency_stop or (waited > 0.5 * within and last.t > 0.0):
-            self._gently = True
-            self._released = stamp
-        if not self.emergency_stop and waited <= within and not self.held:
-            return False
-        if waited > self._patience:
-            raise StoppedError(f"the robot has not obeyed for {waited:.0f} s ({self.held})")
+    @property
+    def emergency_stop(self) -> bool:
+        """Whether the robot's emergency stop is on."""
+        return self._stops
+
+    @emergency_stop.setter
+    def emergency_stop(self, stops: bool) -> None:
+        """Hold the robot, however short the stop is, until somebody confirms that it may go on."""
+        if stops:
+            self._hold(STOP_ON)
+        elif self.held == STOP_ON:
+            self.held = STOP_OFF
+        self._stops = stops
+        self._confirmed = False if stops else self._confirmed
+
+    def confirm(self) -> None:
+        """Let a held robot go on, once it stands and its emergency stop is off."""
+        self._confirmed = bool(self.held) and not self._stops
+
+    def _hold(self, why: str) -> None:
+        """Command a robot that is driven to stand, from now on."""
+        if self.phase != "driving":
+            return
         if not self.held:
-            del self._rows[last.rows :]
-            del self._times[last.rows :]
-            del self._poses[last.poses :]
-            tracker = self._side.tracker
-            for array, kept in zip(
-                (tracker.past, tracker.predictor_state), last.predictor, strict=True
-            ):
-                array[:] = kept
-        self.held = "it does not do what it is told"
-        if self.emergency_stop:
-            self.held = "the emergency stop is on"
-        self.held_time = stamp - self._begin - last.t
-        return True
+            self._hold_at = self._stamp
+            self._probed = 0.0
+            self._confirmed = False
+        self.held = why
 
-    def _responded(self, stamp: float, t: float, seen: Observation) -> _LastResponse:
+    def _wait_for_restart(self, stamp: float, seen: Observation) -> None:
+        """Let a held robot go on if it may, or give it up."""
+        stands = self._speed_of(seen.v, seen.w) < _MOVING
+        blind = self.held == NO_MOTION
+        if self._auto and not self._stops:
+            self._confirmed = self._probe_moved(seen) if blind else True
+            stands = stands or blind
+        if self._confirmed and stands and not self._stops:
+            self._restart(stamp, seen)
+            return
+        waited = stamp - self._hold_at
+        if waited > (min(DEAF, self._patience) if blind else self._patience):
+            raise StoppedError(f"the robot was held for {waited:.0f} s ({self.held})")
+        self.held_time = stamp - self._begin - self._t
+
+    def _probe_moved(self, seen: Observation) -> bool:
+        """Return whether a held robot moves by a probe."""
+        return self._probed > 0.0 and self._speed_of(seen.v, seen.w) > 0.5 * _PROBE
+
+    def _restart(self, stamp: float, seen: Observation) -> None:
+        """Go on from the place of the path that is nearest to the robot, which stands there."""
+        self._yaw += float(wrap_angle(seen.yaw - self._yaw))
+        place = compose_poses(self._to_reference, np.array([seen.x, seen.y, self._yaw]))
+        around = np.arange(-_AROUND, _AROUND, 0.01)
+        times = np.clip(self._t + around, 0.0, self.waypoints.duration)
+        aims = targets_at(self._side.tracker.course, times)[:, :2]
+        t = float(times[np.argmin(np.hypot(*(aims - place[:2]).T))])
+        while self._times and self._times[-1] >= t:
+            self._times.pop()
+            self._rows.pop()
+        self.held_time = stamp - self._begin - t
+        while self._poses and self._poses[-1][0] - self._begin >= t:
+            self._poses.pop()
         tracker = self._side.tracker
-        predictor = (tracker.past.copy(), tracker.predictor_state.copy())
-        counts = (len(self._rows), len(self._poses))
-        return _LastResponse(stamp, t, seen, *counts, predictor=predictor)
-
-    def _obeys(self, seen: Observation, within: float) -> bool:
-        """Return whether the robot moves as commanded, or has since its last response.
-
-        Args:
-            seen: its pose and speeds.
-            within: time in which it answers [s].
-        """
-        demand = self._speed_of(*self._sent)
-        least = _SHARE * demand
-        if self._response.t >= self.waypoints.duration:
-            return True  # the target waits already
-        if demand < _MOVING or self._speed_of(seen.v, seen.w) > least:
-            return True
-        last = self._response.seen
-        turn = float(wrap_angle(seen.yaw - last.yaw))
-        way = math.hypot(seen.x - last.x, seen.y - last.y)
-        return self._speed_of(way, turn) > least * within
+        x, y, yaw = map(float, place)
+        at = Observation(x, y, yaw, 0.0, 0.0)
+        stop_model(tracker.past, tracker.predictor_state, t, at)
+        self._supervisor.restart()
+        self._gently = True
+        self._gently_until = t + self._model.horizon + _ANSWER
+        self._confirmed = False
+        self.held = ""
 
     def _start_if_settled(self, seen: Observation, dt: float) -> None:
         """Drive a robot that stands and whose feedback comes steadily."""
@@ -391,7 +413,6 @@ class PathFollower:
         self._begin = self._stamp
         self.phase = "driving"
         self._at = seen
-        self._response = self._responded(self._stamp, 0.0, seen)
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
             self._pose_to_reference = compose_poses(origin, invert_pose(self._poses[0][1:]))
 
@@ -407,10 +428,10 @@ class PathFollower:
         if self.phase != "driving":
             return STAND_STILL
         age = now - self._arrival
-        if age > FRESH:
+        if age > self.patient:
             why = fault
             if self._repeated and not fault:
-                why = f"{self._repeated} messages repeat the stamp {self._stamp:.3f} s"
+                why = f"{self._repeated} messages are not newer than {self._stamp:.3f} s"
             if why:
                 raise StoppedError(f"no feedback that can be used for {age:.2f} s: {why}")
             raise StoppedError(f"no feedback for {age:.2f} s")
@@ -427,13 +448,16 @@ class PathFollower:
         return sent
 
     def _unlimited_twist(self, t: float) -> Twist:
-        """The law's output at mission time `t` [s]; while the target waits, its twist or a stop."""
+        """The law's output at mission time `t` [s]; of a held robot a stop, or a probe."""
         if not self.held:
             return self._run_velocity_loop(t)
-        if self.emergency_stop:
+        since = self._stamp - self._hold_at
+        asks = self._auto and self.held == NO_MOTION and self._probed < _PROBE_WAY
+        if not asks or since % (3.0 * _PROBE_TIME) < 2.0 * _PROBE_TIME:
             return STAND_STILL
-        target = self._side.state.target  # its twist shows when the robot obeys again
-        return target.v, target.w
+        self._probed += _PROBE * VELOCITY_PERIOD
+        forward = self._side.state.target.v >= 0.0
+        return (_PROBE if forward else -_PROBE), 0.0
 
     @property
     def has_run(self) -> bool:
@@ -466,3 +490,25 @@ class PathFollower:
             motion = compose_poses(self._pose_to_reference, poses[1:, 1:])
             return even_run(times, rows, poses[1:, 0] - self._begin, motion)
         return even_run(times, rows, times, rows[:, :3])
+
+
+def _limits_of_drive(
+    drive: Drive, fastest: float, v_limit: float | None, w_limit: float
+) -> tuple[float, float]:
+    """Return the greatest speed [m/s] and yaw rate [rad/s] that are commanded on a reference.
+
+    Raises:
+        ValueError: a number out of its range, or a reference that is `fastest` beyond the limit.
+    """
+    if v_limit is None:
+        v_limit = min(GENTLE * fastest, 10.0)
+    if not (0.0 < v_limit <= 10.0 and 0.0 < w_limit <= 10.0):
+        raise ValueError(
+            f"v_limit = {v_limit:g}, w_limit = {w_limit:g}: both must be positive and at most 10"
+        )
+    limits = (min(drive.v_max, v_limit), min(drive.w_max, w_limit))
+    if fastest > limits[0]:
+        raise ValueError(
+            f"the reference asks for {fastest:.3g} m/s; the limit is {limits[0]:g} m/s"
+        )
+    return limits

@@ -22,6 +22,12 @@ FILTERED_TOPIC = "/platform/odom/filtered"
 """Topic of the robot's state filter."""
 STOP_TOPIC = "/platform/emergency_stop"
 """Topic of std_msgs/Bool that says whether the emergency stop is on."""
+RESTART_TOPIC = "/platform/confirm_restart"
+"""Topic of std_msgs/Bool on which somebody confirms that a held robot may go on."""
+WHEELS_TOPIC = "/platform/odom"
+"""Topic of the odometry by the wheels alone."""
+IMU_TOPIC = "/sensors/imu_0/data"
+"""Topic of the robot's IMU."""
 STOPS_KEPT = 32
 """Messages of the emergency stop that wait for a loop: none that stops may be lost. Of others the
 last one counts."""
@@ -210,6 +216,12 @@ def read_odometry(message: Any) -> tuple[float, Observation]:
     x, y, yaw = _read_pose(message.pose.pose)
     v, w = read_twist(message.twist.twist)
     return stamp, Observation(x, y, yaw, v, w)
+
+
+def read_gyro(message: Any) -> tuple[float, float]:
+    """Stamp [s] and yaw rate [rad/s] of a sensor_msgs/Imu; a ValueError if not plausible."""
+    w = check_plausible("angular_velocity.z", message.angular_velocity.z, MOST_RATE)
+    return _read_stamp(message), w
 
 
 def read_pose(message: Any) -> tuple[float, Observation]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -173,3 +174,27 @@ def test_a_command_that_was_interrupted_behind_its_file_may_be_given_again(
     there.write_text("mine")
     assert exit_status(program_named(program), *words) == 2
     assert there.read_text() == "mine"
+
+
+def test_a_picture_for_a_paper_is_cut_to_its_panels_and_equal_when_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A title, notes and a line on how it was made are the caption's work there."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("whole.svg", "plain.svg", "again/plain.svg", "plain.pdf"):
+        Path(name).parent.mkdir(exist_ok=True)
+        plain = ["--plain"] * ("plain" in name)
+        assert exit_status(program_named("compare"), *COMPARE[1:], "--out", name, *plain) == 0
+    files = {path.name for path in tmp_path.glob("runs/compare/*/*")}
+    assert files == WHOLE["compare"]  # the numbers are where they always are
+    whole, plain, again = (
+        Path(name).read_text(encoding="utf-8")
+        for name in ("whole.svg", "plain.svg", "again/plain.svg")
+    )
+    assert len(plain) < len(whole)
+    ids = re.compile(r"\b[a-z][0-9a-f]{10}\b")  # matplotlib makes them from places in memory
+    assert ids.sub("", plain) == ids.sub("", again)
+    assert Path("plain.pdf").read_bytes().startswith(b"%PDF")
+    # what stood there is not lost
+    assert exit_status(program_named("compare"), *COMPARE[1:], "--out", "plain.svg") == 2
+    assert Path("plain.svg").read_text(encoding="utf-8") == plain

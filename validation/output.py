@@ -125,6 +125,8 @@ def file_name(text: object) -> str:
 
 Document = dict[str, Any]
 """Values by name, as a JSON or TOML file and the rows of its tables have them."""
+PICTURES = (".png", ".pdf", ".svg")
+"""Endings of pictures."""
 PACKAGES = ("ssmr-testbed", "mujoco", "numpy", "scipy", "numba", "control", "rerun-sdk")
 """Packages whose versions a result records."""
 

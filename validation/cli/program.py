@@ -26,7 +26,7 @@ from validation.cli.config import config_of, options_in, read_result
 from validation.cli.options import AnyPath, Options, kinds_of, meanings_of, words_of
 from validation.cli.process import run_command, say_line
 from validation.files.reading import opened
-from validation.output import make_visible, one_line
+from validation.output import PICTURES, make_visible, one_line
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import print_tables
 from validation.workers import require_address
@@ -58,7 +58,10 @@ class Common(Options):
     """Threads that compute, all processors if not given; or the address of a dask scheduler. The
     result does not depend on who computes."""
     out: AnyPath = None
-    """Folder for the files; runs/PROGRAM/... if not given."""
+    """Folder for the files; runs/PROGRAM/... if not given. A file that ends in .png, .pdf or .svg
+    is the picture alone, and the other files are in runs/PROGRAM/... ."""
+    plain: bool = False
+    """Draw the picture for a paper: no title, no notes and no line on how it was made."""
     overwrite: bool = False
     """Replace files that are there already."""
     config: AnyPath = None
@@ -159,12 +162,18 @@ class Program(Generic[P, R]):
         def main(options: Any) -> None:
             if isinstance(options, Filmed):
                 _require_shown(options)
+            picture = None
+            if options.out is not None and Path(options.out).suffix.lower() in PICTURES:
+                picture = Path(options.out)
+                require_writable(picture.parent)
+                require_apart(options, picture.parent, [picture.name])
+                options = replace(options, out=None)
             folder = Path(options.out or options.folder())
             require_writable(folder)
             require_apart(options, folder, options.writes())
             with progress_bar(self.__name__) as show:
                 report = self.run(replace(options, progress=show, out=folder))
-            finish_program(report, options, output.make_folder(folder))
+            finish_program(report, options, output.make_folder(folder), picture)
 
         main.__doc__ = inspect.getdoc(self.function)
         main.__name__ = self.__name__
@@ -192,12 +201,22 @@ def _require_shown(options: Filmed) -> None:
         )
 
 
-def finish_program(report: Report, options: Common, folder: Path) -> None:
-    """Save and print a report, show its recording, and raise its failure."""
+def finish_program(
+    report: Report, options: Common, folder: Path, picture: Path | None = None
+) -> None:
+    """Save and print a report, show its recording, and raise its failure.
+
+    `picture` is the file for its picture alone, where the user names one.
+    """
     film = options if isinstance(options, Filmed) else None
     # tables first: pictures take longer than many a run
     report_result(report)
-    _report_written(report.save(folder, recording=film is None or not film.no_rerun))
+    written = report.save(folder, recording=film is None or not film.no_rerun)
+    if picture is not None or options.plain:
+        drawn = picture or folder / f"{report.program}.png"
+        report.save_picture(drawn, plain=options.plain)
+        written = [*dict.fromkeys([*written, drawn])]
+    _report_written(written)
     if film is not None and film.view:
         from validation.report.viewer import open_viewer
 

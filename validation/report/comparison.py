@@ -84,7 +84,8 @@ class Comparison(Motions):
         made = [f"reference {self.reference}", f"seed {self.seed}", *flags]
         kind = "commands" if self.commanded() else "measured wheel rates"
         marked = any(scores.overlapping for scores in self.scores.values())
-        about = {name: headline_error(scores) for name, scores in self.scores.items()}
+        all_rms = [scores.metrics["d_rms_m"] for scores in self.scores.values()]
+        about = {name: headline_error(scores, all_rms) for name, scores in self.scores.items()}
         about[self.reference] = "reference"
         n = len(self.runs)
         title = shorten_text(Path(self.source.name).name, 48)

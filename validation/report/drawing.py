@@ -270,7 +270,7 @@ def draw_page(
     import matplotlib.style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from validation.report.picture import STYLE, Picture
+    from validation.report.picture import STYLE, WORDS, Picture
 
     labels = [str(line.get_label()) for line in legend]
     longest = max((len(line) for label in labels for line in label.split("\n")), default=1)
@@ -290,7 +290,8 @@ def draw_page(
         ).flat
         edge = _EDGE_IN / _WIDTH_IN
         heading = abridge_text(title, _LONGEST_TITLE)
-        head.text(edge, 1.0 - _EDGE_IN / heights[0], heading, va="top", color=ink, **_TITLE)
+        y = 1.0 - _EDGE_IN / heights[0]
+        head.text(edge, y, heading, va="top", color=ink, gid=WORDS, **_TITLE)
         if legend:
             head.legend(handles=legend, loc="lower left", ncols=across, **KEY)
         for part, row in zip(parts, rows, strict=True):
@@ -300,10 +301,12 @@ def draw_page(
             for ax, panel in zip(axes.flat, row.panels, strict=True):
                 panel(ax)
         if notes:
-            tail.text(edge, 1.0, "Notes", va="top", **_HEADING)
+            tail.text(edge, 1.0, "Notes", va="top", gid=WORDS, **_HEADING)
             top = 1.0 - 1.3 * _LINE_IN / heights[-1]
-            tail.text(edge, top, text, va="top", fontsize=9.0, linespacing=1.35, color="0.2")
-        tail.text(edge, 0.06 / heights[-1], foot, fontsize=8.5, color=QUIET, va="bottom")
+            look: dict[str, Any] = {"fontsize": 9.0, "linespacing": 1.35, "color": "0.2"}
+            tail.text(edge, top, text, va="top", gid=WORDS, **look)
+        y = 0.06 / heights[-1]
+        tail.text(edge, y, foot, fontsize=8.5, color=QUIET, va="bottom", gid=WORDS)
         figure.draw_without_rendering()
         # the layout's solver errs by rounding, and equal reports are to give equal pixels
         figure.set_layout_engine("none")

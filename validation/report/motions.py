@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations, pairwise, product, zip_longest
@@ -479,11 +479,11 @@ def health_warnings(runs: Runs) -> list[str]:
     return warnings
 
 
-def headline_error(scores: Scores) -> str:
+def headline_error(scores: Scores, beside: Iterable[float] = ()) -> str:
     """Return a plant's error, with its unit, for places with no room for more.
 
     Where there are horizons, it is the median errors after the horizon closest to
-    `HEADLINE_HORIZON`; else d_rms.
+    `HEADLINE_HORIZON`; else d_rms, in the unit and digits of those `beside` it [m].
     """
     horizon = headline_horizon(scores.overlapping)
     if horizon is not None:
@@ -494,5 +494,5 @@ def headline_error(scores: Scores) -> str:
         yaw = fine.text(errors.yaw_median_rad).removesuffix(".0")
         return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
     d_rms = scores.metrics["d_rms_m"]
-    length = length_unit([d_rms])
+    length = length_unit([d_rms, *beside])
     return f"d_rms {length.text(d_rms)} {length.symbol}"

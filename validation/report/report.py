@@ -160,6 +160,21 @@ class Report:
     def _save_text(self, path: Path) -> None:
         output.write_text(path, each_line(self.to_markdown()))
 
+    def save_picture(self, path: str | Path, *, plain: bool = False) -> None:
+        """Write its picture alone, whole or not at all, as a paper wants it.
+
+        Args:
+            path: the file; its ending says what it becomes: .png, .pdf or .svg.
+            plain: whether its title, notes and foot are left out, and the page is cut to the rest.
+
+        Raises:
+            OSError: the file cannot be written.
+            ValueError: it has no picture, or the ending is another one.
+        """
+        from validation.report.picture import write_picture
+
+        write_picture(self.figure(), Path(path), plain)
+
     def _save_picture(self, path: Path) -> None:
         png = self._draw_png(str(path))
         if png is None:

@@ -464,11 +464,12 @@ PRICES = {
         "reinforcement learning on the robot: Gymnasium, also many as one batch, and dm_control",
     ),
     "validation/descriptions": Price(
-        31_200,
+        34_600,
         7,
         40,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "
-        "what is wrong is said with changes that were tried; each is a plant by its path",
+        "what is wrong is said with changes that were tried: whatever stops, slows or turns them "
+        "is weighed against what a turn needs; each is a plant by its path",
     ),
     "validation/files": Price(
         47_500,

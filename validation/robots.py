@@ -231,8 +231,6 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         if o.engine != "mujoco":
             raise ValueError(f"--engine {o.engine}: an MJCF is driven by the engine that it is of")
         examined = examine_foreign(foreign, findings)
-        # trials know its motors better than numbers alone
-        findings = [finding for finding in findings if finding.kind != "motor_weak"]
         if o.write is not None and examined.mended is None:
             raise ValueError(f"--write {o.write}: no change helps, so there is nothing to write")
         if o.write is not None and examined.mended is not None:
@@ -244,8 +242,9 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     else:
         examined = examine_model(robot)
     # trials of changes know better than numbers alone
-    kinds = {finding.kind for finding in examined.findings if finding.before is not None}
-    findings = [f for f in findings if f.kind not in kinds]
+    causes = {finding.cause for finding in examined.findings}
+    tried = {f.kind for f in examined.findings if f.after is not None and f.severity == "fault"}
+    findings = [f for f in findings if f.cause not in causes and f.kind not in tried]
     findings += examined.findings
     findings.sort(key=lambda finding: finding.severity)
     report = RobotCheck(

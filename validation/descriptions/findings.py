@@ -13,7 +13,8 @@ import numpy as np
 
 from ssmr.robot.ground import FRONT, LEFT, turn_on_the_spot
 from ssmr.types import FloatArray
-from validation.descriptions.foreign_robot import ForeignRobot
+from validation.descriptions.foreign_robot import ForeignRobot, is_impossible
+from validation.descriptions.influences import weigh_influences
 from validation.descriptions.wheels import named_end, named_side
 from validation.simulator.checking import (
     guessed_numbers,
@@ -38,6 +39,8 @@ a question [1]."""
 _OFF_SHARE = 0.12
 """Difference of the loads of two axles or sides over the weight from which the weight is off the
 middle [1]."""
+_MOST_RATIO = 100.0
+"""Turning ratio from which a robot as good as drives straight ahead [1]."""
 _FAR_OFF = 0.25
 """Relative difference from which it is a fault and no question [1]."""
 _ROUNDED = 1.1
@@ -53,8 +56,6 @@ UNLIKE = 0.004
 """Deviation of a wheel's radius from the others' from which wheels are unlike [1]."""
 OFF_AXLE = 0.01
 """Distance of a tyre's middle from its axle over its radius, from which it is off [1]."""
-_EQUAL_FRICTION = 1e-3
-"""Deviation of two frictions that are one [1]."""
 
 
 class Finding(NamedTuple):
@@ -93,6 +94,8 @@ def static_findings(robot: Robot, foreign: ForeignRobot | None = None) -> list[F
     found = [look(robot, foreign) for look in _LOOKS]
     if foreign is not None:
         found += [look(foreign) for look in _FOREIGN_LOOKS]
+        for kind, is_fault, cause in weigh_influences(robot, foreign):
+            found.append(Finding(kind, "fault" if is_fault else "question", cause))
     findings = [finding for finding in found if finding is not None]
     return sorted(findings, key=lambda finding: finding.severity)
 
@@ -127,15 +130,21 @@ def _weight_off(robot: Robot, _: Others) -> Finding | None:
         loads.append(f"left and right ones carry {left:.0f} and {0.5 * weight - left:.0f} N")
     turn = turn_on_the_spot(robot.wheelbase, robot.track, x, y)
     middle = turn_on_the_spot(robot.wheelbase, robot.track)
-    centre = _centre_words(
-        -turn.across / turn.yaw_rate, turn.forward / turn.yaw_rate, robot.wheelbase
-    )
+    outcome = "told to turn on the spot, it drives straight ahead"
+    # where it hardly turns, centre and ratio are numbers of no robot
+    if turn.multiplier < _MOST_RATIO:
+        centre = _centre_words(
+            -turn.across / turn.yaw_rate, turn.forward / turn.yaw_rate, robot.wheelbase
+        )
+        outcome = (
+            f"it turns about {centre}, with a ratio of {turn.multiplier:.2f} instead of "
+            f"{middle.multiplier:.2f}"
+        )
     return Finding(
         "weight_off",
         "fault" if off > _FAR_OFF else "question",
         f"the weight lies {_offset(**shown)} the middle between the wheels: "
-        f"{', '.join(loads)} each, so that it turns about {centre}, with a ratio of "
-        f"{turn.multiplier:.2f} instead of {middle.multiplier:.2f}",
+        f"{', '.join(loads)} each, so that {outcome}",
         "weigh the wheels of the robot; if they carry the same, put the body's centre of mass "
         "into the middle",
     )
@@ -268,13 +277,13 @@ def _odd_spin(mass: float, radius: float, spin: float) -> Finding | None:
 
 def _impossible(body: str, tensor: FloatArray) -> Finding | None:
     """Return a finding where no rigid body has an inertia [kg m2]."""
-    moments = np.linalg.eigvalsh(tensor)
-    if moments[0] >= 0.0 and 2.0 * moments[2] <= moments.sum() * (1.0 + 1e-3):
+    if not is_impossible(tensor):
         return None
     row = ", ".join(f"{moment:.4g}" for moment in np.diag(tensor))
     reason = "about one axis it is more than about the two others together"
-    if moments[0] < 0.0:
-        reason = f"with its products, it is {moments[0]:.4g} about one axis"
+    least = float(np.linalg.eigvalsh(tensor)[0])
+    if least < 0.0:
+        reason = f"with its products, it is {least:.4g} about one axis"
     return Finding(
         "inertia",
         "fault",
@@ -400,9 +409,10 @@ def _effort(robot: Robot, _: Others) -> Finding | None:
     )
 
 
-def _motor_weak(robot: Robot, _: Others) -> Finding | None:
+def _motor_weak(robot: Robot, foreign: Others) -> Finding | None:
     spot = spot_turn(robot)
-    if spot is None:
+    # of others each motor is weighed for itself
+    if spot is None or foreign is not None:
         return None
     mu = robot.friction
     loss = robot.drive.gear_loss
@@ -418,47 +428,6 @@ def _motor_weak(robot: Robot, _: Others) -> Finding | None:
         f"{needed:.4g} N m and its motors give {limit:.4g} N m",
         f"torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
         f"{(limit - loss) / torque:.2g}",
-    )
-
-
-def _friction_by_heading(foreign: ForeignRobot) -> Finding | None:
-    unequal = []
-    directed = False
-    for numbers in foreign.contacts:
-        mu1 = numbers.get("mu1")
-        mu2 = numbers.get("mu2", mu1)
-        if mu1 is not None and mu2 is not None and abs(mu1 - mu2) > _EQUAL_FRICTION:
-            unequal.append(f"mu1 is {mu1:g} and mu2 is {mu2:g}")
-        directed |= numbers.get("fdir1", 0.0) > 0.0
-    if not unequal and not directed:
-        return None
-    words = unequal[:1]
-    if directed:
-        words.append("fdir1 is fixed in the wheel and rolls with it")
-    return Finding(
-        "friction_by_heading",
-        "fault" if unequal else "question",
-        f"friction of the wheels depends on the heading: {', and '.join(words)}, so the robot "
-        "turns unevenly and drifts",
-        "give mu1 and mu2 one number, and take fdir1 out (docs/why_drift.md)",
-    )
-
-
-def _unlike_sizes(foreign: ForeignRobot) -> Finding | None:
-    drums = [drum for drum in foreign.drums if drum is not None]
-    radii = [drum.radius for drum in drums]
-    middle = float(np.median(radii)) if radii else 1.0
-    if max((abs(radius / middle - 1.0) for radius in radii), default=0.0) <= UNLIKE:
-        return None
-    rows = ", ".join(
-        f"{name} {1e3 * radius:.1f} mm"
-        for name, radius in zip(foreign.wheeled.names, radii, strict=False)
-    )
-    return Finding(
-        "unlike_wheels",
-        "fault",
-        f"wheels differ in their radius ({rows}): the robot veers, and stands on some of them",
-        "give all four one radius",
     )
 
 
@@ -485,26 +454,6 @@ def _wheel_shape(foreign: ForeignRobot) -> Finding | None:
             "take an ellipsoid or a cylinder about the axle",
         )
     return None
-
-
-def _unlike_friction(foreign: ForeignRobot) -> Finding | None:
-    frictions = [numbers.get("mu1", math.nan) for numbers in foreign.contacts]
-    return unlike_friction(foreign.wheeled.names, frictions)
-
-
-def unlike_friction(names: Sequence[str], frictions: Sequence[float]) -> Finding | None:
-    """Return a finding where wheels of these names have unlike frictions; NaN is one unknown."""
-    if math.isnan(sum(frictions)) or max(frictions) - min(frictions) <= _EQUAL_FRICTION:
-        return None
-    rows = ", ".join(
-        f"{name} {friction:g}" for name, friction in zip(names, frictions, strict=True)
-    )
-    return Finding(
-        "unlike_wheels",
-        "fault",
-        f"wheels differ in their friction ({rows}): it turns about those that hold",
-        "give all four one friction",
-    )
 
 
 def _controller(robot: Robot, foreign: Others) -> Finding | None:
@@ -571,7 +520,4 @@ _FOREIGN_LOOKS: Sequence[Callable[[ForeignRobot], Finding | None]] = (
     _axes,
     _names,
     _wheel_shape,
-    _unlike_sizes,
-    _friction_by_heading,
-    _unlike_friction,
 )

@@ -51,15 +51,20 @@ class ForeignRobot:
     wheeled: WheeledRobot
     """Its model, and its wheels."""
     contacts: Sequence[NumbersByName]
-    """Numbers of the surfaces of the four wheels, as `contact_numbers` has them."""
+    """Numbers of the surfaces of the four wheels, as `contact_numbers` has them; `torsion` [m],
+    `rolling` [m], the tyre's `own` friction and `misses` (1 or 0) where MuJoCo says them."""
     limits: Sequence[NumbersByName]
-    """Limits of the wheels' joints: `effort` [N m] and `velocity` [rad/s]."""
+    """Limits of the wheels' joints and motors: `effort` [N m], `velocity` [rad/s] and `range` [rad]
+    of the angle, `nothing` (1) where one is 0; `gain` [N m s/rad] and `gear` of MuJoCo's motors."""
     motorised: bool
     """Whether each wheel has a motor of its own."""
     tensors: Mapping[str, tuple[float, FloatArray]]
     """Mass [kg] and (3, 3) inertia [kg m2] that the file says of its bodies, by name."""
     controller: NumbersByName
-    """Separation, radius and multipliers with which a controller reckons, if any."""
+    """Separation, radius and multipliers with which a controller reckons, if any, and `held`, 1
+    for a robot that is static or kinematic."""
+    sides: Mapping[str, float]
+    """Joints that a controller drives: 1 for one on the left, -1 for one on the right."""
     text: str
     """The file, an MJCF with all that it includes."""
     files: Mapping[str, bytes]
@@ -107,10 +112,11 @@ def read_foreign(path: str | Path, controller: str | Path | None = None) -> Fore
         text = _expanded(path)
         root = foreign.xml_tree(text)
     numbers = gazebo.plugin_numbers(root)
+    sides = gazebo.plugin_sides(root)
     if controller is not None:
         yaml = reading.read_text(controller, foreign.MOST_BYTES)
         try:
-            numbers = gazebo.controller_numbers(yaml)
+            numbers, sides = gazebo.controller_numbers(yaml)
         except ValueError as error:
             raise ValueError(f"{controller}: {error}") from error
     if root.tag == "mujoco":
@@ -120,40 +126,7 @@ def read_foreign(path: str | Path, controller: str | Path | None = None) -> Fore
             f"this is no URDF, SDF or MJCF: its root is <{one_line(root.tag)}>, not <robot>, <sdf> "
             "or <mujoco>"
         )
-    gazebo.require_plain_wheels(root)
-    contacts = gazebo.contact_numbers(root)
-    kind = "urdf"
-    if root.tag == "sdf":
-        kind = "sdf"
-        root = urdf_of_sdf(root)
-    if root.find("link") is None:
-        raise ValueError("this is no URDF: there is no <robot> with a <link>")
-    motors = _motorised(root)
-    limits = _limits(root)
-    spec = _readable(root)
-    tensors = _tensors(spec)
-    foreign.mend_inertia(spec)
-    wheeled = WheeledRobot(spec.compile())
-    surfaces = []
-    for body in wheeled.bodies:
-        merged = NumbersByName()
-        for part in wheeled.group(body):
-            merged |= contacts.get(wheeled.model.body(part).name, {})
-        surfaces.append(merged)
-    joints = [wheeled.model.joint(joint).name for joint in wheeled.joints]
-    return ForeignRobot(
-        file=one_line(path.name),
-        name=_plain_name(root.get("name", "")),
-        kind=kind,
-        wheeled=wheeled,
-        contacts=surfaces,
-        limits=[limits.get(joint, NumbersByName()) for joint in joints],
-        motorised=all(joint in motors for joint in joints),
-        tensors=tensors,
-        controller=numbers,
-        text=text,
-        files={},
-    )
+    return _of_urdf(path, text, numbers, sides)
 
 
 def _plain_name(name: str) -> str:
@@ -202,6 +175,61 @@ def _expand_xacro(path: str) -> guarded.Answer:
 
 
 # ------------------------------------------------------------------------------------ URDF
+def _of_urdf(
+    path: Path, text: str, numbers: NumbersByName, sides: Mapping[str, float]
+) -> ForeignRobot:
+    """Return the robot of a URDF or an SDF; `numbers` and `sides` are its controller's.
+
+    Raises:
+        ValueError: as `read_foreign`.
+    """
+    root = foreign.xml_tree(text)
+    gazebo.require_plain_wheels(root)
+    contacts = gazebo.contact_numbers(root)
+    kind = "urdf"
+    if root.tag == "sdf":
+        kind = "sdf"
+        root = urdf_of_sdf(root)
+    if root.find("link") is None:
+        raise ValueError("this is no URDF: there is no <robot> with a <link>")
+    motors = _motorised(root)
+    limits = _limits(root)
+    held = any(link.get("held", 0.0) > 0.0 for link in contacts.values())
+    held |= any((part.text or "").strip() in ("1", "true") for part in root.iter("static"))
+    spec = _readable(root)
+    tensors = _tensors(spec)
+    foreign.mend_inertia(spec)
+    for body in spec.bodies:
+        link = contacts.get(body.name, {})
+        if link.get("weightless", 0.0) > 0.0 or link.get("gravity", 1.0) == 0.0:
+            body.gravcomp = 1.0
+    wheeled = WheeledRobot(spec.compile())
+    surfaces = []
+    for body in wheeled.bodies:
+        merged = NumbersByName()
+        for part in wheeled.group(body):
+            merged |= contacts.get(wheeled.model.body(part).name, {})
+        surfaces.append(merged)
+    joints = [wheeled.model.joint(joint).name for joint in wheeled.joints]
+    torque = numbers.get("torque", np.inf)
+    for joint in sides.keys() & limits.keys():
+        limits[joint]["effort"] = min(torque, limits[joint].get("effort", np.inf))
+    return ForeignRobot(
+        file=one_line(path.name),
+        name=_plain_name(root.get("name", "")),
+        kind=kind,
+        wheeled=wheeled,
+        contacts=surfaces,
+        limits=[limits.get(joint, NumbersByName()) for joint in joints],
+        motorised=all(joint in motors for joint in joints),
+        tensors=tensors,
+        controller=numbers | {"held": float(held)},
+        sides=sides,
+        text=text,
+        files={},
+    )
+
+
 def _plain_links(root: ElementTree.Element) -> list[ElementTree.Element]:
     """Return links as MuJoCo takes them: without looks, meshes and half an inertia."""
     links = root.findall("link")
@@ -230,6 +258,10 @@ def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
         limit = joint.find("limit")
         if joint.get("type") == "revolute" and limit is not None and _turns(limit) > _FEW_TURNS:
             joint.set("type", "continuous")
+        axis = joint.find("axis")
+        if axis is not None and not any(map(gazebo.number_of, axis.get("xyz", "1").split())):
+            # no simulator turns it
+            joint.set("type", "fixed")
         if joint.get("type") == "continuous":
             # of torque and speed; MuJoCo would take it for one of the angle
             for limit in joint.findall("limit"):
@@ -266,15 +298,24 @@ def _motorised(root: ElementTree.Element) -> set[str | None]:
 
 
 def _limits(root: ElementTree.Element) -> dict[str, NumbersByName]:
-    """Return positive limits of effort [N m] and velocity [rad/s], by joint."""
+    """Return limits of effort [N m], velocity [rad/s] and angle [rad], by joint.
+
+    Negative ones are none, as in an SDF; of 0 there is `nothing`, for simulators differ in whether
+    that is a limit.
+    """
     limits = {}
     for joint in root.findall("joint"):
         limit = joint.find("limit")
         numbers = NumbersByName()
-        for key in ("effort", "velocity"):
-            value = 0.0 if limit is None else _limit_number(limit, key)
-            if 0.0 < value < np.inf:
-                numbers[key] = value
+        if limit is not None:
+            if joint.get("type") == "revolute":
+                numbers["range"] = _turns(limit)
+            for key in {"effort", "velocity"}.intersection(limit.keys()):
+                value = _limit_number(limit, key)
+                if 0.0 < value < np.inf:
+                    numbers[key] = value
+                elif value == 0.0:
+                    numbers["nothing"] = 1.0
         limits[joint.get("name", "")] = numbers
     return limits
 
@@ -329,6 +370,12 @@ def _tensors(spec: mujoco.MjSpec) -> dict[str, tuple[float, FloatArray]]:
     return tensors
 
 
+def is_impossible(tensor: FloatArray) -> bool:
+    """Return whether no rigid body has a (3, 3) inertia."""
+    moments = np.linalg.eigvalsh(tensor)
+    return bool(moments[0] < 0.0 or 2.0 * moments[2] > moments.sum() * (1.0 + 1e-3))
+
+
 # ------------------------------------------------------------------------------------ MJCF
 def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
     """Return the robot of an MJCF.
@@ -352,11 +399,12 @@ def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
         name=_plain_name(root.get("model", "")) or _plain_name(path.stem),
         kind="mjcf",
         wheeled=wheeled,
-        contacts=[NumbersByName() for _ in wheeled.joints],
-        limits=[_actuator_limits(wheeled.model, joint) for joint in wheeled.joints],
+        contacts=[_tyre_contact(wheeled, joint) for joint in wheeled.joints],
+        limits=[_motor_numbers(wheeled.model, joint) for joint in wheeled.joints],
         motorised=all(_actuators(wheeled.model, joint) for joint in wheeled.joints),
         tensors=tensors,
         controller=controller,
+        sides={},
         text=text,
         files=files,
     )
@@ -369,13 +417,71 @@ def _actuators(model: mujoco.MjModel, joint: int) -> list[int]:
     return [int(a) for a in np.flatnonzero(on_joint)]
 
 
-def _actuator_limits(model: mujoco.MjModel, joint: int) -> NumbersByName:
-    """Return the greatest torque of a wheel's actuator and joint [N m]; empty without a limit."""
-    most = []
+def _motor_numbers(model: mujoco.MjModel, joint: int) -> NumbersByName:
+    """Return what the motors of a wheel's joint can do: the least that they give either way.
+
+    See `ForeignRobot.limits`; a limit that is not given is left out.
+    """
+    numbers = NumbersByName()
+
+    def keep_least(key: str, limits: FloatArray, factor: float) -> None:
+        most = abs(factor) * max(0.0, min(-float(limits[0]), float(limits[1])))
+        numbers[key] = min(numbers.get(key, np.inf), most)
+
     if model.jnt_actfrclimited[joint]:
-        most.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
+        keep_least("effort", model.jnt_actfrcrange[joint], 1.0)
     for a in _actuators(model, joint):
+        gear = float(model.actuator_gear[a, 0])
+        gain = float(model.actuator_gainprm[a, 0])
+        of_angle, of_rate = (-model.actuator_biasprm[a, 1:3]).tolist()
+        numbers["gear"] = float(np.sign(gear * gain))
         if model.actuator_forcelimited[a]:
-            gear = abs(float(model.actuator_gear[a, 0]))
-            most.append(gear * float(np.abs(model.actuator_forcerange[a]).max()))
-    return NumbersByName(effort=min(most)) if most else NumbersByName()
+            keep_least("effort", model.actuator_forcerange[a], gear)
+        if of_angle == 0.0 and of_rate > 0.0:
+            numbers["gain"] = numbers.get("gain", 0.0) + gear**2 * of_rate
+        if not model.actuator_ctrllimited[a] or gear == 0.0:
+            continue
+        if of_rate > 0.0 and of_angle == 0.0:
+            keep_least("velocity", model.actuator_ctrlrange[a], gain / (of_rate * gear))
+        elif of_angle > 0.0:
+            keep_least("velocity", model.actuator_ctrlrange[a], gain / (of_angle * gear))
+        else:
+            keep_least("effort", model.actuator_ctrlrange[a], gain * gear)
+    return numbers
+
+
+def _tyre_contact(wheeled: WheeledRobot, joint: int) -> NumbersByName:
+    """Return what MuJoCo says of a tyre on the ground under it; of the tyre alone without ground.
+
+    See `ForeignRobot.contacts`. A pair decides, else the shape of the higher priority, else the
+    larger number of both.
+    """
+    model = wheeled.model
+    drum = wheeled.drum(joint)
+    if drum is None:
+        return NumbersByName()
+    ground = wheeled.find_ground(joint)
+    sides = [drum.geom] if ground is None else [drum.geom, ground]
+    misses = ground is not None and not wheeled.can_touch(drum.geom, ground)
+    hit = (model.pair_geom1 == drum.geom) | (model.pair_geom2 == drum.geom)
+    pairs = np.flatnonzero(hit)
+    if len(pairs):
+        dimension = int(model.pair_dim[pairs[0]])
+        mu1, mu2, torsion, rolling, _ = model.pair_friction[pairs[0]].tolist()
+        own = mu1
+    else:
+        priority = model.geom_priority[sides]
+        sides = [side for side, p in zip(sides, priority, strict=True) if p == priority.max()]
+        dimension = int(model.geom_condim[sides].max())
+        mu1, torsion, rolling = model.geom_friction[sides].max(axis=0).tolist()
+        mu2 = mu1
+        own = float(model.geom_friction[sides[0], 0])
+    slides = float(dimension > 1)
+    return NumbersByName(
+        mu1=slides * mu1,
+        mu2=slides * mu2,
+        own=slides * own,
+        torsion=torsion if dimension > 3 else 0.0,
+        rolling=rolling if dimension > 4 else 0.0,
+        misses=float(misses),
+    )

@@ -15,8 +15,11 @@ _CONTACT = {
     "slip1": "slip1",
     "slip2": "slip2",
     "fdir1": "fdir1",
+    "gravity": "gravity",
+    "turnGravityOff": "weightless",
+    "kinematic": "held",
 }
-"""Elements of a surface, and their names here."""
+"""Elements of a link and of its surfaces, and their names here."""
 _CONTROLLER = {
     "wheel_separation": ("separation", 1.0),
     "wheelSeparation": ("separation", 1.0),
@@ -27,79 +30,108 @@ _CONTROLLER = {
     "wheel_separation_multiplier": ("separation_multiplier", 1.0),
     "wheel_radius_multiplier": ("radius_multiplier", 1.0),
     "left_wheel_radius_multiplier": ("radius_multiplier", 1.0),
+    "torque": ("torque", 1.0),
+    "wheelTorque": ("torque", 1.0),
+    "max_wheel_torque": ("torque", 1.0),
 }
 """Names of a controller's numbers, with the names and the factors here."""
 _ENTRY = re.compile(r"(\w+)[\"']?\s*:\s*(?:!!\w+\s+)?[\"']?([-+.\deE]+)")
+_SIDE_ENTRY = re.compile(
+    r"\b(left|right)_wheel(?:_names?)?[\"']?\s*:\s*(\[[^\]]*\]|(?:\s*-\s+\S+)+|[\"'\w/]+)"
+)
+_SIDE_TAG = re.compile(r"(left|right)\w*joint", re.IGNORECASE)
+_SIDES = {"left": 1.0, "right": -1.0}
 _YAML_COMMENT = re.compile(r"#.*")
 NumbersByName = dict[str, float]
 """Numbers by name [SI]."""
 
 
 def contact_numbers(root: ElementTree.Element) -> dict[str, NumbersByName]:
-    """Return the numbers of each link's surface in a URDF or an SDF.
+    """Return the numbers of each link and its surface in a URDF or an SDF.
 
-    These are `mu1`, `mu2`, `kp`, `kd`, `slip1`, `slip2`, and `fdir1`, 1 where a direction of
-    friction is given that is not zero.
+    These are `mu1`, `mu2`, `kp`, `kd`, `slip1`, `slip2`, and 1 or 0 for `fdir1`, where a direction
+    of friction is given that is not zero, `gravity`, `weightless` and `held`.
     """
     contacts = dict[str, NumbersByName]()
     for owner in root.iter():
-        if owner.tag == "gazebo" and "reference" in owner.attrib:
-            name = owner.get("reference", "")
-        elif owner.tag == "link" and owner.find(".//surface") is not None:
-            name = owner.get("name", "")
-        else:
+        if owner.tag not in ("gazebo", "link"):
             continue
+        name = owner.get("reference", owner.get("name", ""))
         numbers = contacts.setdefault(name, {})
         for part in owner.iter():
             key = _CONTACT.get(part.tag.rpartition(":")[2])
             words = part.get("value", part.text or "").split()
             if key == "fdir1":
-                numbers[key] = float(any(_number(word) for word in words))
+                numbers[key] = float(any(number_of(word) for word in words))
             elif key is not None and len(words) == 1:
-                numbers.setdefault(key, _number(words[0]))
+                numbers.setdefault(key, number_of(words[0]))
     return contacts
 
 
-def _number(word: str) -> float:
-    """Return the number of a word of XML; 0 for none."""
+def number_of(word: str) -> float:
+    """Return the number of a word of XML, 1 for `true`; 0 for none."""
     try:
-        return float(word)
+        return float({"true": "1"}.get(word, word))
     except ValueError:
         return 0.0
 
 
 def plugin_numbers(root: ElementTree.Element) -> NumbersByName:
-    """Return separation, radius and multipliers of the wheels in the plugins of a URDF or SDF."""
+    """Return separation, radius, multipliers and torque of the wheels in a description's plugins.
+
+    The torque counts of a plugin that drives joints.
+    """
     pairs = []
     for plugin in root.iter("plugin"):
+        drives = any(_SIDE_TAG.search(part.tag) for part in plugin.iter())
         for part in plugin.iter():
-            pairs.append((part.tag, (part.text or "").strip()))
+            if drives or "orque" not in part.tag:
+                pairs.append((part.tag, (part.text or "").strip()))
     return _controller(pairs)
 
 
-def controller_numbers(text: str) -> NumbersByName:
-    """Return separation, radius and multipliers of the wheels in a controller's YAML.
+def plugin_sides(root: ElementTree.Element) -> dict[str, float]:
+    """Return the joints that a description's plugins drive: 1 for one on the left, -1 on the right.
+
+    Wheels of one side follow the same command.
+    """
+    sides = {}
+    for plugin in root.iter("plugin"):
+        for part in plugin.iter():
+            if found := _SIDE_TAG.search(part.tag):
+                joint = (part.text or "").strip().rpartition("::")[2]
+                sides[joint] = _SIDES[found[1].lower()]
+    return sides
+
+
+def controller_numbers(text: str) -> tuple[NumbersByName, dict[str, float]]:
+    """Return separation, radius and multipliers of the wheels in a controller's YAML, and sides.
 
     Raises:
         ValueError: there are none.
     """
-    numbers = _controller(_ENTRY.findall(_YAML_COMMENT.sub("", text)))
+    plain = _YAML_COMMENT.sub("", text)
+    numbers = _controller(_ENTRY.findall(plain))
     if not numbers:
         raise ValueError(
             "there is no wheel_separation and no wheel_radius in it; wanted the parameters of a "
             "diff_drive_controller"
         )
-    return numbers
+    sides = {}
+    for side, words in _SIDE_ENTRY.findall(plain):
+        for joint in re.findall(r"[\w/]+", words):
+            sides[joint] = _SIDES[side]
+    return numbers, sides
 
 
 def _controller(pairs: list[tuple[str, str]]) -> NumbersByName:
     """Return the numbers among names and words; the first of each name counts."""
     numbers = NumbersByName()
     for name, word in pairs:
-        key, factor = _CONTROLLER.get(name, ("", 1.0))
-        value = _number(word)
-        if key and value > 0.0:
-            numbers.setdefault(key, factor * value)
+        key, factor = _CONTROLLER.get(name, ("", 0.0))
+        value = factor * number_of(word)
+        if value > 0.0 or (key == "torque" and word):
+            numbers.setdefault(key, value)
     return numbers
 
 

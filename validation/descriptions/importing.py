@@ -6,6 +6,7 @@ the shapes of collision.
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,7 +18,12 @@ import tomli_w
 from ssmr.parameters import declaration_of
 from ssmr.types import FloatArray
 from validation import output
-from validation.descriptions.foreign_robot import LEAST_MASS, ForeignRobot, read_foreign
+from validation.descriptions.foreign_robot import (
+    LEAST_MASS,
+    ForeignRobot,
+    is_impossible,
+    read_foreign,
+)
 from validation.descriptions.gazebo import driver_sizes
 from validation.output import Document, one_line
 from validation.simulator.checking import spot_turn, turning_torque
@@ -37,6 +43,10 @@ _MOST_FRICTION = 5.0
 _SURE_FRICTION = 1.0
 """Friction of ground on which motors whose torque nobody knows are taken to turn the robot on the
 spot [1]."""
+_LIGHTEST = 1.0
+"""Mass over the area between the wheels of the lightest robots [kg/m2]; of most it is 100."""
+_OTHER_UNITS = {"millimetres (mm)": 1e-3, "centimetres (cm)": 1e-2, "inches": 0.0254}
+"""Units that lengths are in by mistake [m]."""
 _UNITS_OF_LISTS = dict.fromkeys(("body_size", "body_centre", "imu", "com"), "m")
 _UNITS_OF_LISTS |= dict.fromkeys(("wheel_inertia", "inertia"), "kg m2")
 _NEXT = (
@@ -183,6 +193,7 @@ def _draft_of(
 ) -> RobotDraft:
     """Return the file of a foreign robot."""
     work = _Import(foreign)
+    work.require_metres()
     work.add_places()
     work.add_link()
     work.add_wheels(radius, width)
@@ -212,6 +223,22 @@ class _Import:
         """Add a number that the file says."""
         plain = value if isinstance(value, float) else value.tolist()
         self.entries[key] = plain, f"published: {self.foreign.file}, {where}"
+
+    def require_metres(self) -> None:
+        """Raise a ValueError where the robot weighs as good as nothing for its size."""
+        wheeled = self.wheeled
+        mass, _, _ = wheeled.lump(wheeled.group(wheeled.root))
+        pressure = mass / (wheeled.wheelbase * wheeled.track)
+        if pressure >= _LIGHTEST or mass < 1e-6:
+            return
+
+        def oddness(unit: str) -> float:
+            return abs(math.log(pressure / (100.0 * _LIGHTEST * _OTHER_UNITS[unit] ** 2)))
+
+        raise ValueError(
+            f"its wheels stand {wheeled.wheelbase:.4g} by {wheeled.track:.4g} m apart and carry "
+            f"{mass:.3g} kg: lengths are in {min(_OTHER_UNITS, key=oddness)}, wanted metres"
+        )
 
     def add_places(self) -> None:
         """Add wheelbase, track and the height of the axles."""
@@ -313,17 +340,11 @@ class _Import:
 
     def _add_wheel_inertia(self, moments: FloatArray) -> None:
         """Add the inertia of a wheel; one that no body has is estimated, and it says so."""
-        spin = moments[1]
         for _, tensor in self.foreign.wheel_tensors():
-            each = np.linalg.eigvalsh(tensor)
-            if 2.0 * each[2] > each.sum() * (1.0 + 1e-3):
-                row = ", ".join(f"{moment:.4g}" for moment in np.diag(tensor))
-                self.guesses.append(
-                    f"{row} kg m2 is no wheel: about one axis it is more than about the two others "
-                    "together; it is replaced by that of a cylinder"
-                )
+            if is_impossible(tensor):
+                self.guesses.append("a wheel's inertia is that of no body; it is estimated")
                 return
-        inertia = np.array([0.5 * (moments[0] + moments[2]), spin])
+        inertia = np.array([0.5 * (moments[0] + moments[2]), moments[1]])
         self.add("mass.wheel_inertia", inertia, "mean of the four wheels")
 
     def add_hull(self) -> None:
@@ -346,16 +367,14 @@ class _Import:
         """Add friction, the limits of the motors, and the sizes that a controller reckons with."""
         foreign = self.foreign
         frictions = [numbers["mu1"] for numbers in foreign.contacts if "mu1" in numbers]
-        if foreign.kind == "mjcf":
-            frictions = _tyre_frictions(foreign)
         if frictions and 0.0 < min(frictions) <= max(frictions) <= _MOST_FRICTION:
             where = "mean of the tyres, a simulator's setting"
             self.add("simulation.friction", float(np.mean(frictions)), where)
         efforts = [numbers["effort"] for numbers in foreign.limits if "effort" in numbers]
-        if len(efforts) == len(WHEELS):
+        if len(efforts) == len(WHEELS) and min(efforts) > 0.0:
             self.add("drive.torque_limit", min(efforts), "limits of the wheels' joints")
         speeds = [numbers["velocity"] for numbers in foreign.limits if "velocity" in numbers]
-        if len(speeds) == len(WHEELS):
+        if len(speeds) == len(WHEELS) and min(speeds) > 0.0:
             size, _ = self.entries["geometry.wheel_radius"]
             where = "limits of the wheels' joints times their radius"
             self.add("drive.v_max", float(np.multiply(min(speeds), size)), where)
@@ -379,9 +398,3 @@ class _Import:
         heading = f"Imported from {self.foreign.file}."
         draft = _drafted(name, heading, self.entries, self.guesses)
         return draft._replace(foreign=self.foreign)
-
-
-def _tyre_frictions(foreign: ForeignRobot) -> list[float]:
-    """Return the sliding friction of each tyre that has a shape, as an MJCF says it [1]."""
-    friction = foreign.wheeled.model.geom_friction
-    return [float(friction[drum.geom, 0]) for drum in foreign.drums if drum is not None]

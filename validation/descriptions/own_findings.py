@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from validation.descriptions.findings import Finding, unlike_friction
-from validation.descriptions.ladder import CURES, exceeds, pairs_of, sliding, together
+from validation.descriptions.findings import Finding
+from validation.descriptions.influences import STOPPING
+from validation.descriptions.ladder import CURES, exceeds, pairs_of, together
 from validation.descriptions.mjcf_text import Edits, MjcfText
 from validation.descriptions.own_robot import LOADS, Measures, OwnRobot
 
@@ -35,7 +36,10 @@ def own_findings(
         known: what is wrong by numbers alone; it is returned where a change was kept for it.
     """
     cured = set().union(*[CURES[name] for name in changes])
-    looked = [look(robot) for look in _LOOKS]
+    looks = _LOOKS
+    if not any(finding.severity == "fault" and finding.kind in STOPPING for finding in known):
+        looks = (*_LOOKS, *_SYMPTOMS)
+    looked = [look(robot) for look in looks]
     found = [finding for finding in known if finding.kind in cured]
     found += [finding for finding in looked if finding is not None]
     tried = []
@@ -181,51 +185,6 @@ def _soft_on_one(robot: OwnRobot) -> Finding | None:
     return None
 
 
-def _which_friction(robot: OwnRobot) -> Finding | None:
-    ground = robot.model.geom(robot.ground)
-    for tyre in _bare_tyres(robot):
-        sides = [tyre, ground]
-        first = max(int(side.priority[0]) for side in sides)
-        if max(int(side.condim[0]) for side in sides if int(side.priority[0]) == first) == 1:
-            return Finding(
-                "which_friction",
-                "fault",
-                "tyres and ground have condim 1: they touch without friction",
-                'set condim="3" on the tyres',
-            )
-        own = float(tyre.friction[0])
-        other = float(ground.friction[0])
-        if int(tyre.priority[0]) == int(ground.priority[0]) and own < other - 1e-3:
-            return Finding(
-                "which_friction",
-                "question",
-                f"tyres have a friction of {own:g} and the ground of {other:g}: MuJoCo takes the "
-                "larger one of the two",
-                "give the tyres a higher priority, or the ground a smaller friction",
-            )
-    return None
-
-
-def _friction_by_heading(robot: OwnRobot) -> Finding | None:
-    for drum in filter(None, robot.tyres):
-        for pair in pairs_of(robot, drum.geom):
-            one, other = robot.wheeled.model.pair_friction[pair, :2].tolist()
-            if abs(one - other) > 1e-3:
-                return Finding(
-                    "friction_by_heading",
-                    "fault",
-                    f"a contact pair has the frictions {one:g} and {other:g} along two directions "
-                    "that do not turn with the robot",
-                    "give it one friction",
-                )
-    return None
-
-
-def _unlike_friction(robot: OwnRobot) -> Finding | None:
-    frictions = [math.nan if d is None else sliding(robot, d.geom) for d in robot.tyres]
-    return unlike_friction(robot.names, frictions)
-
-
 def _driven(robot: OwnRobot) -> Finding | None:
     if robot.driven.all():
         return None
@@ -292,14 +251,14 @@ def _rolls(robot: OwnRobot) -> Finding | None:
 _LOOKS: Sequence[Callable[[OwnRobot], Finding | None]] = (
     _step,
     _pyramid,
-    _hopping,
     _soft_on_one,
-    _which_friction,
-    _friction_by_heading,
-    _unlike_friction,
     _driven,
+)
+_SYMPTOMS: Sequence[Callable[[OwnRobot], Finding | None]] = (
+    _hopping,
     _servo_soft,
     _motor_weak,
     _creep,
     _rolls,
 )
+"""What a robot also does that something in its file holds or lifts: then that is the cause."""

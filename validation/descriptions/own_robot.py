@@ -25,8 +25,6 @@ _SAMPLE = 0.01
 """Period of samples [s], about."""
 _LEAST_GRAVITY = 1e-3
 """Gravity below which a robot does not stand [m/s2]."""
-_LARGE = 3.0
-"""Extent of a fixed shape that is ground, over that of the robot's wheels [1]."""
 _NET_FORCE = [1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1]
 """Output of a sensor of contacts: the force, of all contacts together (`netforce`), as one."""
 _SITE = "ssmr_middle"
@@ -88,14 +86,10 @@ class OwnRobot:
     # ------------------------------------------------------------------------- building
     def _ground(self, spec: Any) -> str:
         """Return the name of the ground, which is added where there is none."""
-        model = self.wheeled.model
-        most = _LARGE * (self.wheeled.wheelbase + self.wheeled.track)
-        is_flat = np.isin(model.geom_type, (mjtGeom.mjGEOM_PLANE, mjtGeom.mjGEOM_HFIELD))
-        is_large = model.geom_size[:, :2].min(axis=1) > most
-        is_fixed = model.body_weldid[model.geom_bodyid] == 0
-        grounds = np.flatnonzero(is_fixed & (is_flat | is_large))
-        if len(grounds):
-            return str(model.geom(int(grounds[0])).name)
+        for joint in self.wheeled.joints:
+            ground = self.wheeled.find_ground(joint)
+            if ground is not None:
+                return str(self.wheeled.model.geom(ground).name)
         self.notes.append("its file has no ground; here it stands on a plane of MuJoCo's defaults")
         plane = {"type": mjtGeom.mjGEOM_PLANE, "size": [0, 0, 1], "pos": [0, 0, self.bottom]}
         spec.worldbody.add_geom(name="ssmr_ground", **plane)

@@ -43,6 +43,7 @@ def urdf_of_sdf(root: ElementTree.Element) -> ElementTree.Element:
             "write the links and joints of that into the file"
         )
     robot = ElementTree.Element("robot", name=model.get("name", "robot"))
+    robot.extend(model.findall("static"))
     frames = _Frames(model)
     joints = [joint for joint in model.findall("joint") if joint.findtext("parent") != "world"]
     carried = {_text(joint, "child"): joint for joint in joints}
@@ -182,7 +183,7 @@ def _shape(geometry: ElementTree.Element | None) -> ElementTree.Element | None:
     if geometry is None:
         return None
     for shape in geometry:
-        size = {child.tag: (child.text or "").strip() for child in shape}
+        size = _words(shape)
         if shape.tag in ("box", "cylinder", "sphere", "capsule"):
             return ElementTree.Element(shape.tag, size)
         if shape.tag == "ellipsoid":
@@ -209,10 +210,13 @@ def _joint(joint: ElementTree.Element, place: FloatArray, frames: _Frames) -> El
         base = _MODEL
     turn = np.linalg.inv(frames.of(name))[:3, :3] @ frames.of(base)[:3, :3]
     ElementTree.SubElement(out, "axis", xyz=_row(turn @ direction))
-    limit = axis.find("limit")
-    if limit is not None:
-        words = {child.tag: (child.text or "").strip() for child in limit}
-        ElementTree.SubElement(out, "limit", words)
-    elif kind == "revolute":
+    if kind == "revolute" and axis.find("limit/upper") is None:
         out.set("type", "continuous")
+    for part in (*axis.findall("limit"), *axis.findall("dynamics")):
+        ElementTree.SubElement(out, part.tag, _words(part))
     return out
+
+
+def _words(element: ElementTree.Element) -> dict[str, str]:
+    """Return the texts of an element's children, by tag."""
+    return {child.tag: (child.text or "").strip() for child in element}

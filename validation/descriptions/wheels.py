@@ -75,7 +75,14 @@ class WheeledRobot:
         self.data = mujoco.MjData(model)
         mujoco.mj_forward(model, self.data)
         four = self._four(any_direction)
-        self.root = int(model.body_rootid[model.jnt_bodyid[four[0]]])
+        wheel = int(model.jnt_bodyid[four[0]])
+        self.root = int(model.body_rootid[wheel])
+        if self.root == wheel:
+            raise ValueError(
+                "its wheels hang on the world and its base is part of it, as in a URDF that "
+                "MuJoCo saved: put base and wheels into a body with a <freejoint/>, or import the "
+                "URDF"
+            )
         self.turn = self._turned(four)
         self._stand(four)
 
@@ -151,6 +158,11 @@ class WheeledRobot:
         four = spinning if any_direction else along_y
         if len(four) > 4:
             four = self._touching(four)
+        if not (self.model.jnt_type == mjtJoint.mjJNT_HINGE).any():
+            raise ValueError(
+                "none of its joints turns, so it is a statue: make the joints of its four wheels "
+                f"continuous{self._others(four)}"
+            )
         if len(four) != 4:
             raise ValueError(
                 f"it has {len(four)} joints that look like wheels, and a skid-steering robot has "
@@ -191,11 +203,12 @@ class WheeledRobot:
     def _require_fixed(self, joint: int) -> None:
         """Raise a ValueError where a wheel can be steered by a joint above it."""
         model = self.model
-        body = int(model.jnt_bodyid[joint])
-        root = int(model.body_rootid[body])
-        while (body := int(model.body_parentid[body])) not in (0, root):
-            up = int(model.body_jntadr[body])
-            if up >= 0 and abs(self.data.xaxis[up, 2]) > _UPRIGHT:
+        wheel = int(model.jnt_bodyid[joint])
+        root = int(model.body_rootid[wheel])
+        for up in np.flatnonzero(model.jnt_type == mjtJoint.mjJNT_HINGE).tolist():
+            body = int(model.jnt_bodyid[up])
+            is_above = body != root and self.is_below(wheel, body)
+            if is_above and abs(self.data.xaxis[up, 2]) > _UPRIGHT:
                 raise ValueError(
                     f"wheel '{self._name(joint)}' can be steered by joint "
                     f"'{self._name(up)}'; the wheels of a skid-steering robot cannot"
@@ -245,8 +258,10 @@ class WheeledRobot:
                 "skid-steering robot"
             )
         across /= np.hypot(*across[:2])
-        if abs(across[1]) > _PARALLEL:
-            across *= np.sign(across[1])
+        # left is where the body's own y points, whatever its heading at the start
+        left = float(self.data.xmat[self.root].reshape(3, 3)[:, 1] @ across)
+        if abs(left) > _PARALLEL:
+            across *= np.sign(left)
         else:
             across *= self._left_sign(four, across)
         ahead = np.cross(across, [0.0, 0.0, 1.0])
@@ -288,6 +303,45 @@ class WheeledRobot:
     def signs(self) -> FloatArray:
         """(4,) 1 where a joint turns about +y, -1 about -y."""
         return np.sign(self.data.xaxis[self.joints] @ self.turn[1])
+
+    # ------------------------------------------------------------------------- ground
+    def find_ground(self, joint: int) -> int | None:
+        """Return the number of the fixed shape under a wheel, first of all one that it can touch.
+
+        None where there is none.
+        """
+        model = self.model
+        drum = self.drum(joint)
+        place = self.data.xanchor[joint].copy()
+        hit = np.zeros(1, dtype=np.int32)
+        # direction, shapes of all groups, fixed ones too, of no body left out
+        straight_down = np.array([0.0, 0.0, -1.0]), None, 1, -1
+        missed = None
+        for _ in range(model.ngeom):
+            away = mujoco.mj_ray(model, self.data, place, *straight_down, hit)
+            geom = int(hit[0])
+            if geom < 0:
+                break
+            place[2] -= away + 1e-6
+            if model.body_weldid[model.geom_bodyid[geom]] != 0:
+                continue
+            if drum is not None and self.can_touch(drum.geom, geom):
+                return geom
+            missed = missed or geom
+        return missed
+
+    def can_touch(self, one: int, other: int) -> bool:
+        """Return whether two shapes of a model may touch: a pair, or masks and no exclusion."""
+        model = self.model
+        geoms = {one, other}
+        pairs = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
+        if any(geoms == {*pair} for pair in pairs):
+            return True
+        low, high = sorted(model.geom_bodyid[[one, other]].tolist())
+        if (low << 16) + high in model.exclude_signature:
+            return False
+        masks = model.geom_contype[[one, other]] & model.geom_conaffinity[[other, one]]
+        return bool(masks.any())
 
     # ------------------------------------------------------------------------- measuring
     def lump(self, bodies: Sequence[int]) -> tuple[float, FloatArray, FloatArray]:

@@ -111,8 +111,7 @@ def read_foreign(path: str | Path, controller: str | Path | None = None) -> Fore
     if _is_xacro(root):
         text = _expanded(path)
         root = foreign.xml_tree(text)
-    numbers = gazebo.plugin_numbers(root)
-    sides = gazebo.plugin_sides(root)
+    numbers, sides = gazebo.plugin_numbers(root)
     if controller is not None:
         yaml = reading.read_text(controller, foreign.MOST_BYTES)
         try:
@@ -259,7 +258,7 @@ def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
         if joint.get("type") == "revolute" and limit is not None and _turns(limit) > _FEW_TURNS:
             joint.set("type", "continuous")
         axis = joint.find("axis")
-        if axis is not None and not any(map(gazebo.number_of, axis.get("xyz", "1").split())):
+        if axis is not None and not axis.get("xyz", "1").strip("0. -"):
             # no simulator turns it
             joint.set("type", "fixed")
         if joint.get("type") == "continuous":

@@ -62,13 +62,13 @@ def contact_numbers(root: ElementTree.Element) -> dict[str, NumbersByName]:
             key = _CONTACT.get(part.tag.rpartition(":")[2])
             words = part.get("value", part.text or "").split()
             if key == "fdir1":
-                numbers[key] = float(any(number_of(word) for word in words))
+                numbers[key] = float(any(_number(word) for word in words))
             elif key is not None and len(words) == 1:
-                numbers.setdefault(key, number_of(words[0]))
+                numbers.setdefault(key, _number(words[0]))
     return contacts
 
 
-def number_of(word: str) -> float:
+def _number(word: str) -> float:
     """Return the number of a word of XML, 1 for `true`; 0 for none."""
     try:
         return float({"true": "1"}.get(word, word))
@@ -76,32 +76,23 @@ def number_of(word: str) -> float:
         return 0.0
 
 
-def plugin_numbers(root: ElementTree.Element) -> NumbersByName:
+def plugin_numbers(root: ElementTree.Element) -> tuple[NumbersByName, dict[str, float]]:
     """Return separation, radius, multipliers and torque of the wheels in a description's plugins.
 
-    The torque counts of a plugin that drives joints.
+    And the joints that they drive: 1 for one on the left, -1 for one on the right. The torque
+    counts of a plugin that drives joints.
     """
     pairs = []
+    sides = dict[str, float]()
     for plugin in root.iter("plugin"):
-        drives = any(_SIDE_TAG.search(part.tag) for part in plugin.iter())
-        for part in plugin.iter():
-            if drives or "orque" not in part.tag:
-                pairs.append((part.tag, (part.text or "").strip()))
-    return _controller(pairs)
-
-
-def plugin_sides(root: ElementTree.Element) -> dict[str, float]:
-    """Return the joints that a description's plugins drive: 1 for one on the left, -1 on the right.
-
-    Wheels of one side follow the same command.
-    """
-    sides = {}
-    for plugin in root.iter("plugin"):
-        for part in plugin.iter():
-            if found := _SIDE_TAG.search(part.tag):
-                joint = (part.text or "").strip().rpartition("::")[2]
-                sides[joint] = _SIDES[found[1].lower()]
-    return sides
+        words = [(part.tag, (part.text or "").strip()) for part in plugin.iter()]
+        driven = [(_SIDE_TAG.search(tag), joint) for tag, joint in words]
+        own = {
+            joint.rpartition("::")[2]: _SIDES[found[1].lower()] for found, joint in driven if found
+        }
+        sides |= own
+        pairs += [(tag, word) for tag, word in words if own or "orque" not in tag]
+    return _controller(pairs), sides
 
 
 def controller_numbers(text: str) -> tuple[NumbersByName, dict[str, float]]:
@@ -129,7 +120,7 @@ def _controller(pairs: list[tuple[str, str]]) -> NumbersByName:
     numbers = NumbersByName()
     for name, word in pairs:
         key, factor = _CONTROLLER.get(name, ("", 0.0))
-        value = factor * number_of(word)
+        value = factor * _number(word)
         if value > 0.0 or (key == "torque" and word):
             numbers.setdefault(key, value)
     return numbers

@@ -38,7 +38,7 @@ STOPPING = ("held", "load", "effort", "motor_weak")
 wrong follows from that."""
 
 
-class Stand:
+class _Stand:
     """A robot of others in a slow turn on the spot: what each wheel bears, needs and has.
 
     Arrays are (4,), in the order of `WHEELS`; NaN stands for what the file does not say.
@@ -189,7 +189,7 @@ class Stand:
         return wrong
 
 
-class Influence(NamedTuple):
+class _Influence(NamedTuple):
     """An attribute that stops, slows or turns a robot."""
 
     kind: str
@@ -198,46 +198,46 @@ class Influence(NamedTuple):
     """How a URDF and an SDF write it."""
     mjcf: str
     """How an MJCF writes it."""
-    effect: str | Callable[[Stand], FloatArray | float]
+    effect: str | Callable[[_Stand], FloatArray | float]
     """What it does to each wheel, in the unit of the sentence: a number of the wheels by its key,
     or a function of the robot."""
     sentence: str
     """What it does; `{effect}` is the greatest, and `{wheels}` those of which it is said."""
     over: str = "one"
-    """Number of `Stand` that the effect is a share of; `rate` for a torque that slows wheels."""
+    """Number of `_Stand` that the effect is a share of; `rate` for a torque that slows wheels."""
     under: str = ""
-    """Number of `Stand` under which the effect takes the whole turn."""
+    """Number of `_Stand` under which the effect takes the whole turn."""
     is_fault: bool = True
     """Whether it can be a fault; else it deserves a look at most."""
 
 
 _NEED = "; a turn on the spot needs {need:.3g} N m a wheel"
 _MOMENT = "{effect:.3g} N m in a turn on the spot, and friction gives {moment:.3g} N m at most"
-INFLUENCES: Sequence[Influence] = (
+_INFLUENCES: Sequence[_Influence] = (
     # ------------------------------------------------------------- the body
-    Influence(
+    _Influence(
         "held",
         "<static> or <kinematic>",
         "",
         lambda stand: stand.foreign.controller.get("held", 0.0),
         "{written} is true: it never moves",
     ),
-    Influence(
+    _Influence(
         "held",
         "",
         "<equality>",
-        Stand.ties_across,
+        _Stand.ties_across,
         "an {written} ties {wheels} to the other side or to the world, so that it cannot turn",
     ),
-    Influence(
+    _Influence(
         "load",
         "<gravity> of links",
         "gravcomp",
-        Stand.lost_load,
+        _Stand.lost_load,
         "{written} takes away {effect:.3g} of the {load:.3g} N that press a tyre to the ground",
         over="load",
     ),
-    Influence(
+    _Influence(
         "held",
         "",
         "damping of the base's free joint",
@@ -245,7 +245,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} holds it with " + _MOMENT,
         over="moment",
     ),
-    Influence(
+    _Influence(
         "held",
         "",
         "density and viscosity of <option>",
@@ -255,14 +255,14 @@ INFLUENCES: Sequence[Influence] = (
         is_fault=False,
     ),
     # ------------------------------------------------------------- tyres and ground
-    Influence(
+    _Influence(
         "load",
         "",
         "contype, conaffinity or <exclude>",
         "misses",
         "{written} keep ground and tyres of {wheels} apart: these carry nothing",
     ),
-    Influence(
+    _Influence(
         "which_friction",
         "mu1 and mu2",
         "friction or condim",
@@ -270,7 +270,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} give tyres and ground of {wheels} a friction of {effect:.3g}: they spin",
         under="slippery",
     ),
-    Influence(
+    _Influence(
         "unlike_wheels",
         "mu1 and mu2",
         "friction",
@@ -278,7 +278,7 @@ INFLUENCES: Sequence[Influence] = (
         "wheels differ in their friction: {written} of {wheels} is less by up to {effect:.2g} of "
         "that of the others, and it turns about those that hold",
     ),
-    Influence(
+    _Influence(
         "friction_by_heading",
         "mu1 and mu2",
         "a contact pair's frictions along two directions",
@@ -287,7 +287,7 @@ INFLUENCES: Sequence[Influence] = (
         "unevenly and drifts; give both one number (docs/why_drift.md)",
         over="spread",
     ),
-    Influence(
+    _Influence(
         "friction_by_heading",
         "fdir1",
         "",
@@ -296,7 +296,7 @@ INFLUENCES: Sequence[Influence] = (
         "them; take it out (docs/why_drift.md)",
         is_fault=False,
     ),
-    Influence(
+    _Influence(
         "which_friction",
         "",
         "friction",
@@ -306,7 +306,7 @@ INFLUENCES: Sequence[Influence] = (
         "friction",
         is_fault=False,
     ),
-    Influence(
+    _Influence(
         "unlike_wheels",
         "radii of the wheels",
         "radii of the wheels",
@@ -315,7 +315,7 @@ INFLUENCES: Sequence[Influence] = (
         "give all four one radius",
         over="spread",
     ),
-    Influence(
+    _Influence(
         "which_friction",
         "",
         "condim and torsional friction",
@@ -323,7 +323,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} of tyres and ground hold it with " + _MOMENT + " by sliding",
         over="moment",
     ),
-    Influence(
+    _Influence(
         "which_friction",
         "",
         "condim 6 and rolling friction",
@@ -331,7 +331,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} of tyres and ground brake {wheels} with {effect:.3g} N m" + _NEED,
         over="rate",
     ),
-    Influence(
+    _Influence(
         "which_friction",
         "slip1 and slip2",
         "",
@@ -343,7 +343,7 @@ INFLUENCES: Sequence[Influence] = (
         over="rim",
         is_fault=False,
     ),
-    Influence(
+    _Influence(
         "load",
         "kp",
         "",
@@ -353,25 +353,25 @@ INFLUENCES: Sequence[Influence] = (
         over="radius",
         is_fault=False,
     ),
-    Influence(
+    _Influence(
         "unlike_wheels",
         "heights of the axles",
         "heights of the axles",
-        Stand.unevenness,
+        _Stand.unevenness,
         "{written} differ: one is {gap:.2g} m above or below the plane of the three others, so "
         "that it stands on three wheels",
     ),
-    Influence(
+    _Influence(
         "axes",
         "axes of the wheels",
         "axes of the wheels",
-        Stand.toe,
+        _Stand.toe,
         "{written} are not parallel: {wheels} stand at {effect:.2g} rad to the others, and scrub",
         over="slip",
         is_fault=False,
     ),
     # ------------------------------------------------------------- axles
-    Influence(
+    _Influence(
         "held",
         "<limit lower upper> of revolute joints",
         "",
@@ -379,7 +379,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} let {wheels} turn {effect:.3g} rad (0..0 is none): make them continuous",
         under="few_turns",
     ),
-    Influence(
+    _Influence(
         "held",
         "<dynamics damping>",
         "damping of the joints",
@@ -387,7 +387,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} takes {effect:.3g} N m of {wheels} at {rate:.2g} rad/s" + _NEED,
         over="rate",
     ),
-    Influence(
+    _Influence(
         "held",
         "<dynamics friction>",
         "frictionloss of the joints",
@@ -395,7 +395,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} takes {effect:.3g} N m of {wheels}" + _NEED,
         over="rate",
     ),
-    Influence(
+    _Influence(
         "held",
         "<spring_stiffness>",
         "stiffness of the joints",
@@ -403,18 +403,18 @@ INFLUENCES: Sequence[Influence] = (
         "{written}: a spring turns {wheels} back, after a turn with {effect:.3g} N m" + _NEED,
         over="rate",
     ),
-    Influence(
+    _Influence(
         "mass_in_wheels",
         "<inertial> of the wheels",
         "places of the wheels' masses",
-        Stand.unbalance,
+        _Stand.unbalance,
         "{written}: the centre of mass of {wheels} lies beside the axle, which its weight turns "
         "with up to {effect:.2g} N m" + _NEED,
         over="need",
         is_fault=False,
     ),
     # ------------------------------------------------------------- motors
-    Influence(
+    _Influence(
         "motor_weak",
         "<limit effort> or the plugin's <torque>",
         "forcerange or ctrlrange",
@@ -422,7 +422,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} lets the motors of {wheels} give {effect:.3g} N m" + _NEED,
         under="need",
     ),
-    Influence(
+    _Influence(
         "effort",
         "<limit effort velocity> of 0",
         "",
@@ -430,7 +430,7 @@ INFLUENCES: Sequence[Influence] = (
         "{written} leaves {wheels} no torque or no velocity in ros_control",
         is_fault=False,
     ),
-    Influence(
+    _Influence(
         "effort",
         "<limit velocity>",
         "ctrlrange",
@@ -438,15 +438,15 @@ INFLUENCES: Sequence[Influence] = (
         "{written} lets {wheels} turn at {effect:.3g} rad/s either way, and both ways are needed",
         under="slow",
     ),
-    Influence(
+    _Influence(
         "axes",
         "",
         "gear",
-        Stand.backward_motors,
+        _Stand.backward_motors,
         "{written} has another sign at {wheels}: equal inputs turn it backward",
         is_fault=False,
     ),
-    Influence(
+    _Influence(
         "effort",
         "",
         "kv",
@@ -454,14 +454,14 @@ INFLUENCES: Sequence[Influence] = (
         "{written} of {wheels} is less by up to {effect:.2g} of that of the others",
         is_fault=False,
     ),
-    Influence(
+    _Influence(
         "names",
         "",
         "names of motors",
-        Stand.named_motors,
+        _Stand.named_motors,
         "{written} say the other side than that of {wheels}, which they drive: it turns wrongly",
     ),
-    Influence(
+    _Influence(
         "controller",
         "joints of the drive plugin",
         "",
@@ -469,7 +469,7 @@ INFLUENCES: Sequence[Influence] = (
         "sides are swapped: the {written} have {wheels} on the wrong side, so that it turns the "
         "wrong way",
     ),
-    Influence(
+    _Influence(
         "controller",
         "drive plugin",
         "",
@@ -477,7 +477,7 @@ INFLUENCES: Sequence[Influence] = (
         "the {written} drives two of the four wheels or none of a side; {wheels} only roll along",
         is_fault=False,
     ),
-    Influence(
+    _Influence(
         "controller",
         "drive plugin",
         "",
@@ -501,10 +501,10 @@ def weigh_influences(robot: Robot, foreign: ForeignRobot) -> list[tuple[str, boo
     turn = spot_turn(robot)
     if turn is None:
         return []
-    stand = Stand(robot, foreign, turn)
+    stand = _Stand(robot, foreign, turn)
     names = np.array(foreign.wheeled.names)
     found = []
-    for line in INFLUENCES:
+    for line in _INFLUENCES:
         told = line.effect
         effect = stand.of_wheels(told) if isinstance(told, str) else told(stand)
         effect = np.broadcast_to(np.asarray(effect, dtype=np.float64), 4)

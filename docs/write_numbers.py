@@ -80,7 +80,13 @@ def of_log() -> dict[str, str]:
     places = [1e3 * error["position_median_m"] for error in errors]
     turns = [math.degrees(error["yaw_median_rad"]) for error in errors]
     of_turns = f"{min(turns):.1f} to {max(turns):.1f}"
-    return {"husky.positions": f"{min(places):.0f} to {max(places):.0f}", "husky.turns": of_turns}
+    mujoco = plants["mujoco"]["horizons"][AFTER]["overlapping"]
+    median, *ends = (100.0 * mujoco[f"position_{end}_m"] for end in ("median", "low", "high"))
+    return {
+        "husky.positions": f"{min(places):.0f} to {max(places):.0f}",
+        "husky.turns": of_turns,
+        "husky.mujoco": f"{median:.1f} cm ({ends[0]:.1f}–{ends[1]:.1f})",
+    }
 
 
 def with_interval(error: Mapping[str, Any], key: str, scale: float, unit: str) -> str:

@@ -158,7 +158,16 @@ SCHEMA = {
         ],
         float,
     ),
-    **dict.fromkeys(("linear.x.has_velocity_limits", "angular.z.has_velocity_limits"), bool),
+    **dict.fromkeys(
+        [
+            f"{axis}.has_{what}_limits"
+            for axis in ("linear.x", "angular.z")
+            for what in ("velocity", "acceleration")
+        ],
+        bool,
+    ),
+    "cmd_vel_timeout": float,
+    **dict.fromkeys(("pose_covariance_diagonal", "twist_covariance_diagonal"), list),
 }
 """Names and types of parameters of ros2_control's diff_drive_controller, as its
 `diff_drive_controller/src/diff_drive_controller_parameter.yaml` declares them (ros2_controllers,
@@ -205,6 +214,47 @@ def test_ros2_control_has_the_limits_of_the_driver() -> None:
         assert parameters[f"{axis}.has_velocity_limits"] is True
         assert parameters[f"{axis}.max_velocity"] == most
         assert parameters[f"{axis}.min_velocity"] == -most
+
+
+def test_ros2_control_has_what_a_profile_knows_of_the_driver_and_of_odometry() -> None:
+    """A filter that sums up its twists for a second is as uncertain as the band says."""
+    profile = load_profile("warthog-grass")
+    section = profile.section("kinematic")
+    n = of_controller(export_robot("warthog", "diff-drive", profile))
+    for axis, most in (
+        ("linear.x", section.drive.acceleration_v),
+        ("angular.z", section.drive.acceleration_w),
+    ):
+        assert n[f"{axis}.has_acceleration_limits"] is True
+        assert n[f"{axis}.max_acceleration"] == pytest.approx(most)
+        assert n[f"{axis}.min_acceleration"] == pytest.approx(-most)
+    # a command or two that come late do not stop it
+    assert n["cmd_vel_timeout"] > 2.0 * section.drive.hold
+    pace = profile.fitted_at
+    assert pace is not None
+    rate = pace.lateral_acceleration / pace.speed
+    steps = 50
+    path = np.zeros((steps + 1, 3))
+    path[:, 0] = pace.speed * np.linspace(0.0, 1.0, steps + 1)
+    band = replace(section.bands["wheels"], position_noise=1e-6, yaw_noise=1e-6)
+    (walked,) = band.covariance(path, [0], [steps])
+    twist = n["twist_covariance_diagonal"]
+    # steps of 1/50 s that err independently
+    assert twist[0] * steps / 50.0**2 == pytest.approx(walked[0, 0], rel=1e-3)
+    turned = band.turn_walk**2 * rate + (band.turn_scale * rate) ** 2
+    assert 0.3 * turned < twist[5] * steps / 50.0**2 <= turned
+    assert n["pose_covariance_diagonal"][0] > walked[0, 0]
+
+
+def test_a_multiplier_by_mechanics_has_its_doubt() -> None:
+    """Those of calibrated robots lie within two of it."""
+    for name, profile in (("husky", "husky-tile"), ("warthog", "warthog-grass")):
+        text = export_robot(name, "diff-drive")
+        line = next(row for row in text.splitlines() if "wheel_separation_multiplier: " in row)
+        value, _, error = line.partition(": ")[2].partition("  # standard error ")
+        p = load_profile(profile).section("kinematic").parameters
+        measured = (p.y_l - p.y_r) / load_robot(name).track
+        assert abs(measured - float(value)) < 2.0 * float(error) < 0.5 * float(value)
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -29,12 +29,14 @@ from validation.descriptions.importing import RobotDraft, draft_robot, import_ro
 from validation.descriptions.loading import load_robot
 from validation.engines.trial import examine_in_engine
 from validation.files.reading import read_text
+from validation.identify.problem import turning_doubt
 from validation.output import Document, abridge_text, file_name, make_visible, one_line
 from validation.plants.profile import (
     Profile,
     bare_profile,
     choose_profile,
     load_profile,
+    odometry_variances,
     shipped_profiles,
 )
 from validation.report.report import Report
@@ -524,14 +526,24 @@ def export_robot(
         p = kinematic.parameters
         multiplier = (p.y_l - p.y_r) / chosen.track
         share = kinematic.vehicle.wheel_radius / chosen.wheel_radius
-        return diff_drive_yaml(chosen, multiplier, share * p.alpha_l, share * p.alpha_r, errors)
+        return diff_drive_yaml(
+            chosen,
+            multiplier,
+            share * p.alpha_l,
+            share * p.alpha_r,
+            errors,
+            drive=kinematic.drive,
+            variances=odometry_variances(numbers),
+        )
     if to == "diff-drive":
         spot = spot_turn(chosen)
         if spot is None:
             raise ValueError(
                 f"robot {chosen.name} does not stand on its four wheels; `check` says why"
             )
-        return diff_drive_yaml(chosen, spot.multiplier)
+        return diff_drive_yaml(
+            chosen, spot.multiplier, errors={"wheel_separation_multiplier": turning_doubt(chosen)}
+        )
     if to == "sdf":
         return sdf_text(chosen)
     return urdf_text(chosen)

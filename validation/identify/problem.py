@@ -44,6 +44,7 @@ from validation.identify.objective import (
 from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import find_number, own_indices, with_values
 from validation.plants.table import STANDARD, plant_kind
+from validation.simulator.description import Robot
 from validation.workers import rate_there
 
 _CHUNK = 256
@@ -359,3 +360,12 @@ def _read_scattered_problem(file: tuple[str, str, str] | None) -> FitProblem:
     if file is not None:
         add_model_of(file)
     return FitProblem.__new__(FitProblem)
+
+
+def turning_doubt(robot: Robot) -> float:
+    """Return the standard error of a wheel separation's multiplier by mechanics [1].
+
+    It is what a fit allows the sides' centres of rotation beside those of a robot's file.
+    """
+    sides = [find_number("kinematic", name, robot) for name in ("y_l", "y_r")]
+    return FROM_FILE * math.hypot(*(side.upper - side.lower for side in sides)) / robot.track

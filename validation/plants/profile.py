@@ -51,6 +51,10 @@ _KINDS = {
 _SPREAD = Annotated[float, Meta(gt=0.0, description="a positive number")]
 _MOVES = 0.05  # speed [m/s] and yaw rate [rad/s] from which a robot moves
 _BEYOND = 2.0  # ratio of paces from which a motion is clearly beyond the fitted ones [1]
+_ODOMETRY_HZ = 50.0
+"""Rate of diff_drive_controller's odometry, unless its file says another [Hz]."""
+_UNSEEN = 1e6
+"""Variance of height, roll and pitch, which wheels tell nothing of [m², rad²]."""
 
 T = TypeVar("T")
 
@@ -356,6 +360,29 @@ def _fill_fields(default: T, values: Document, where: str) -> T:
 def odometry_of(drive: Drive) -> EkfSettings:
     """Return the thesis' state filter, whose wheel odometry is the driver's own."""
     return EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
+
+
+def odometry_variances(profile: Profile) -> dict[str, list[float]]:
+    """Return variances of odometry by wheels as the kinematic plant's band has them.
+
+    Those of the twist make, summed up message by message, the band's random walk at the pace of
+    the fit, and its lasting error of angles; those of the pose are its uncertainty after a second.
+    Without a band or a pace there are none.
+    """
+    band = profile.section("kinematic").bands.get("wheels")
+    pace = profile.fitted_at
+    if band is None or pace is None or pace.speed == 0.0:
+        return {}
+    rate = pace.lateral_acceleration / pace.speed
+    walks = band.way_walk**2 * pace.speed, band.turn_walk**2 * rate
+    lasting = (band.turn_scale * rate) ** 2
+    pose = [band.position_noise**2 + walks[0], band.yaw_noise**2 + walks[1] + lasting]
+    twist = [walks[0] * _ODOMETRY_HZ, walks[1] * _ODOMETRY_HZ + lasting]
+    variances = {}
+    for name, (place, heading) in (("pose", pose), ("twist", twist)):
+        diagonal = [place, place, _UNSEEN, _UNSEEN, _UNSEEN, heading]
+        variances[f"{name}_covariance_diagonal"] = diagonal
+    return variances
 
 
 def make_plant(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
 
@@ -39,6 +39,8 @@ def _element_text(tag: str, *inside: str, **attributes: str) -> str:
     return f"<{opened}>{''.join(inside)}</{tag}>\n"
 
 
+_MISSED = 5.0
+"""Number of periods of the driver without a new command after which a robot is to stop [1]."""
 _DIFF_DRIVE = """\
 # With wheel_separation_multiplier on it the robot turns as it is commanded. What a profile knows of
 # the driver of before (command_half_track, command_radius) no longer holds: log a drive with these
@@ -205,6 +207,8 @@ def diff_drive_yaml(
     left: float = 1.0,
     right: float = 1.0,
     errors: Mapping[str, float] = MappingProxyType({}),
+    drive: Drive | None = None,
+    variances: Mapping[str, Sequence[float]] = MappingProxyType({}),
 ) -> str:
     """Return parameters of ros2_control's `diff_drive_controller`; the robot turns as commanded.
 
@@ -217,7 +221,10 @@ def diff_drive_yaml(
         left: way of the left wheels over their turn and radius [1].
         right: the same of the right wheels [1].
         errors: standard errors of these numbers, by the names of the file.
+        drive: the driver, whose limits the controller gets; the robot's if not given.
+        variances: of the odometry in x, y, z, roll, pitch and yaw, by the names of the file.
     """
+    drive = drive or robot.drive
     joints = robot.wheel_joints
     values: dict[str, object] = {
         "left_wheel_names": json.dumps(joints[0::2]),
@@ -228,11 +235,18 @@ def diff_drive_yaml(
         "left_wheel_radius_multiplier": left,
         "right_wheel_radius_multiplier": right,
     }
-    for axis, most in (("linear.x", robot.drive.v_max), ("angular.z", robot.drive.w_max)):
-        if math.isfinite(most):
-            values[f"{axis}.has_velocity_limits"] = "true"
-            values[f"{axis}.max_velocity"] = most
-            values[f"{axis}.min_velocity"] = -most
+    for axis, *limits in (
+        ("linear.x", drive.v_max, drive.acceleration_v),
+        ("angular.z", drive.w_max, drive.acceleration_w),
+    ):
+        for what, most in zip(("velocity", "acceleration"), limits, strict=True):
+            if math.isfinite(most):
+                values[f"{axis}.has_{what}_limits"] = "true"
+                values[f"{axis}.max_{what}"] = most
+                values[f"{axis}.min_{what}"] = -most
+    values["cmd_vel_timeout"] = _MISSED * drive.hold
+    for name, diagonal in variances.items():
+        values[name] = f"[{', '.join(f'{variance:.3e}' for variance in diagonal)}]"
     text = _DIFF_DRIVE
     for name, value in values.items():
         # 1.0, for ROS takes 1 for no float

@@ -40,7 +40,9 @@ def _element_text(tag: str, *inside: str, **attributes: str) -> str:
 
 
 _MISSED = 5.0
-"""Number of periods of the driver without a new command after which a robot is to stop [1]."""
+_COMMANDED_S = 0.05
+"""Number of missing commands after which a robot is to stop [1], and the usual time between two
+[s], where the driver does not read them more rarely."""
 _DIFF_DRIVE = """\
 # With wheel_separation_multiplier on it the robot turns as it is commanded. What a profile knows of
 # the driver of before (command_half_track, command_radius) no longer holds: log a drive with these
@@ -244,7 +246,7 @@ def diff_drive_yaml(
                 values[f"{axis}.has_{what}_limits"] = "true"
                 values[f"{axis}.max_{what}"] = most
                 values[f"{axis}.min_{what}"] = -most
-    values["cmd_vel_timeout"] = _MISSED * drive.hold
+    values["cmd_vel_timeout"] = _MISSED * max(drive.hold, _COMMANDED_S)
     for name, diagonal in variances.items():
         values[name] = f"[{', '.join(f'{variance:.3e}' for variance in diagonal)}]"
     text = _DIFF_DRIVE

@@ -127,3 +127,25 @@ def test_a_gyro_that_contradicts_the_log_is_said_and_left_out(
     values = [[p.value for p in parameters] for parameters in found]
     # the file has twelve digits
     assert values[0] == pytest.approx(values[1], abs=1e-9)
+
+
+def test_a_tyre_that_lost_air_is_named_and_the_others_are_not(tmp_path: Path) -> None:
+    """The left wheels of the third day roll 3 % shorter; nothing else has changed."""
+    days = [drive(tmp_path, f"day{k}", {**BODY, **DAYS[k]}, k) for k in range(2)]
+    flat = {**BODY, **DAYS[2], "alpha_l": 0.97 * BODY["alpha_l"]}
+    report = calibrate([*days, drive(tmp_path, "day2", flat, 2)], **OPTIONS)
+    rows = report.document()["days"]
+    assert [row["log"] for row in rows] == ["day0.csv", "day1.csv", "day2.csv"]
+    radius = BARE.robot.wheel_radius
+    for row, alpha in zip(rows, (0.95, 0.95, 0.97 * 0.95), strict=True):
+        error = row["standard_errors"]["wheel_radius_left"]
+        assert row["wheel_radius_left"] == pytest.approx(alpha * radius, abs=3.0 * error)
+        assert error < 0.003 * radius
+    said = [note for note in report.notes() if note.startswith("On day")]
+    assert said
+    assert all(note.startswith("On day2.csv the ") for note in said)
+    (left,) = [note for note in said if "the left wheels roll" in note]
+    assert 2.0 < float(left.partition("roll ")[2].split()[0]) < 4.0
+    assert "shorter than on day0.csv" in left
+    assert not any("the right wheels roll" in note for note in said)
+    assert any(table.title.startswith("Tyres by each log") for table in report.tables())

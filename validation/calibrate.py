@@ -26,7 +26,7 @@ from validation import cli, output
 from validation.compare import compare
 from validation.experiment.gyro import with_gyro
 from validation.experiment.scores import band_of
-from validation.experiment.sources import source_of, unknown_robot_notes
+from validation.experiment.sources import Source, source_of, unknown_robot_notes
 from validation.files.formats import AnyLog, log_name, profile_of_log
 from validation.files.inspection import Inspected, open_log
 from validation.files.log import LogFault, ReadOptions
@@ -34,14 +34,22 @@ from validation.fit import Fit, Fitted, run_fit
 from validation.identify.beginning import FIRST_FITTED
 from validation.identify.inputs import choose_inputs
 from validation.identify.judging import held_out_scores
+from validation.identify.report import correlation_table
 from validation.identify.targets import Input, distinct_names, file_of, split_ground, without_ground
-from validation.identify.verdict import Fold, divide_logs, is_better, list_objections, turn_share
+from validation.identify.tyres import change_sentences, tyre_row, tyre_tables
+from validation.identify.verdict import (
+    Fold,
+    describe_judges,
+    divide_logs,
+    is_better,
+    list_objections,
+    turn_share,
+)
 from validation.output import Progress, file_name, one_line, said_once
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import OF_A_LOG, find_number, make_space
 from validation.plants.table import PLANTS, plant_kind
 from validation.report import drawing
-from validation.report.columns import Unit
 from validation.report.comparison import Comparison
 from validation.report.motions import interval_table
 from validation.report.page import calibration_page
@@ -165,17 +173,6 @@ def _say_verdict(f: Fitted) -> str:
     )
 
 
-def _correlation_table(f: Fitted) -> Table:
-    """Return the correlations of the errors of a fit's numbers."""
-    names = [p.name for p in f.parameters]
-    rows = []
-    for name, row in zip(names, [] if f.correlation is None else f.correlation, strict=False):
-        rows.append({"error of": name, **dict(zip(names, map(float, row), strict=True))})
-    units = {name: Unit("1", 1.0, 2) for name in names}
-    headings = {name: name for name in names}
-    return Table(f"{_fit_label(f)}, correlations", rows, units=units, headings=headings)
-
-
 def _turn_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
     """Return a sentence on each plant that turns worse than the kinematic one, beyond chance.
 
@@ -242,6 +239,8 @@ class Calibrated(Report):
     it."""
     judged_on: str
     """What judged the fits, in words."""
+    days: Sequence[Mapping[str, Any]]
+    """What each of several logs tells alone of the tyres, see `tyre_row`."""
 
     @property
     def profile(self) -> Profile:
@@ -283,13 +282,14 @@ class Calibrated(Report):
                 errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
         table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
         title = "Error of the relative pose on unseen data, and how sure that is"
-        return [replace(table, title=title), *values]
+        return [replace(table, title=title), *values, *tyre_tables(self.days)]
 
     def page(self) -> str:
         """Return everything that its user wants to know as one HTML page, the verdict first."""
         tables = self.tables()
         for k, f in enumerate(self.fits):
-            tables.insert(2 * k + 2, _correlation_table(f))
+            title = f"{_fit_label(f)}, correlations"
+            tables.insert(2 * k + 2, correlation_table(title, f.parameters, f.correlation))
         return calibration_page(self, self.kept, tables, [fault.sentence for fault in self.faults])
 
     def verdict(self) -> str:
@@ -303,7 +303,8 @@ class Calibrated(Report):
 
     def notes(self) -> list[str]:
         """Return a verdict on each fit, the remarks, and the fits' notes."""
-        notes = [*map(_say_verdict, self.fits), *_turn_notes(self.fits, self.kept), *self.remarks]
+        notes = [*map(_say_verdict, self.fits), *_turn_notes(self.fits, self.kept)]
+        notes += [*change_sentences(self.days), *self.remarks]
         # the first note of a fit that is no better says so, and the verdict does too
         notes += said_once({_fit_label(f): f.notes()[not f.better :] for f in self.fits})
         return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
@@ -324,6 +325,7 @@ class Calibrated(Report):
             "judged_on": self.judged_on,
             "written_from": "all",
             "faults": list(map(asdict, self.faults)),
+            "days": self.days,
             "plants": plants,
         }
 
@@ -410,17 +412,21 @@ def calibrate(o: Calibrate) -> Calibrated:
         faults=faults,
         fits=fits,
         remarks=notes,
-        judged_on=_judged_on(o),
+        judged_on=describe_judges(len(opened), [*held]),
+        days=_watch_tyres(folds["wheels"][-1][0], profile) if "wheels" in folds else (),
     )
 
 
-def _judged_on(o: Calibrate) -> str:
-    """Return what judges the fits, in words."""
-    if o.held_out is not None:
-        return f"fits to all logs, by {one_line(log_name(o.held_out))}, which is not among them"
-    if len(o.names) > 1:
-        return "fits to all logs but one, each by that one"
-    return "fits to two thirds of the time in motion, each by the other third"
+def _watch_tyres(logs: Sequence[Source], profile: Profile) -> list[dict[str, Any]]:
+    """Return what each of several logs tells alone of the tyres, by the kinematic plant."""
+    rows: list[dict[str, Any]] = []
+    for log in logs if len(logs) > 1 else ():
+        options = Fit(FIRST_FITTED, [log], profile, input="wheels", search="lsq")
+        found = run_fit(options, lambda warning: None)
+        numbers = {p.name: p.value for p in found.parameters}
+        radius = found.plant.vehicle.wheel_radius
+        rows.append(tyre_row(Path(log.name).name, numbers, found.error_of, radius))
+    return rows
 
 
 def _fit_all(

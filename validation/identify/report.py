@@ -20,6 +20,7 @@ from validation.identify.search import Search
 from validation.identify.uncertainty import Uncertainty
 from validation.output import Document, one_line, shorten_text
 from validation.report import drawing
+from validation.report.columns import Unit
 from validation.report.drawing import ALARM, Ink, PanelRow
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
@@ -123,6 +124,18 @@ def _meaning_of(name: str) -> str:
     """Return in words what a parameter is; an empty text where its name says it."""
     number, _, _ = name.partition("@")
     return _MEANINGS.get(number, "")
+
+
+def correlation_table(
+    title: str, parameters: Sequence[_FittedParameter], correlation: FloatArray | None
+) -> Table:
+    """Return the (n, n) correlations of the errors of parameters; no rows if they are unknown."""
+    names = [p.name for p in parameters]
+    rows = []
+    for name, row in zip(names, [] if correlation is None else correlation, strict=False):
+        rows.append({"error of": name, **dict(zip(names, map(float, row), strict=True))})
+    units = {name: Unit("1", 1.0, 2) for name in names}
+    return Table(title, rows, units=units, headings={name: name for name in names})
 
 
 _LIMITS = ("acceleration", "torque_limit", "v_max", "w_max")

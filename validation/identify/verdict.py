@@ -23,6 +23,7 @@ from validation.experiment.sources import Source, Span, source_of
 from validation.files.inspection import Inspected
 from validation.identify.objective import FitCost
 from validation.identify.targets import source_outside, split_ground
+from validation.output import one_line
 
 _PARTS = 3
 """Number of parts of a single log, each of which judges a fit to the others."""
@@ -81,6 +82,15 @@ def _parts_of_motion(source: Source) -> list[Span]:
     moving = np.concatenate(stamps)
     cuts = moving[np.arange(1, _PARTS) * len(moving) // _PARTS]
     return list(pairwise((None, *cuts.tolist(), None)))
+
+
+def describe_judges(logs: int, held: Sequence[str]) -> str:
+    """Return in words what judges fits to a number of logs, beside which others may be held out."""
+    if held:
+        return f"fits to all logs, by {one_line(', '.join(held))}, which is not among them"
+    if logs > 1:
+        return "fits to all logs but one, each by that one"
+    return "fits to two thirds of the time in motion, each by the other third"
 
 
 def is_better(now: FloatArray, was: FloatArray, horizon: float) -> bool:

@@ -31,19 +31,17 @@ from validation.files.formats import AnyLog, log_name, profile_of_log
 from validation.files.inspection import Inspected, open_log
 from validation.files.log import LogFault, ReadOptions
 from validation.fit import Fit, Fitted, run_fit
+from validation.identify import verdict
 from validation.identify.beginning import FIRST_FITTED
-from validation.identify.inputs import choose_inputs
 from validation.identify.judging import held_out_scores
 from validation.identify.report import correlation_table
-from validation.identify.targets import Input, distinct_names, file_of, split_ground, without_ground
-from validation.identify.tyres import change_sentences, tyre_row, tyre_tables
-from validation.identify.verdict import (
-    Fold,
-    describe_judges,
-    divide_logs,
-    is_better,
-    list_objections,
-    turn_share,
+from validation.identify.targets import (
+    Input,
+    choose_inputs,
+    distinct_names,
+    file_of,
+    split_ground,
+    without_ground,
 )
 from validation.output import Progress, file_name, one_line, said_once
 from validation.plants.profile import Profile, choose_profile
@@ -188,9 +186,9 @@ def _turn_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
         now = scored.overlapping[scored.headline]
         was = first.judged["after"].overlapping[scored.headline]
         windows = [f.judged["after"].windows[scored.headline].yaw for f in (first, f)]
-        if is_better(windows[0], windows[1], scored.headline):
+        if verdict.is_better(windows[0], windows[1], scored.headline):
             size = f"{now.yaw_median_rad:.3f} rad for {was.yaw_median_rad:.3f}"
-            share = turn_share(with_gyro(kept.source).driven(kept.runs[f.model].motions))
+            share = verdict.turn_share(with_gyro(kept.source).driven(kept.runs[f.model].motions))
             notes.append(
                 f"{_fit_label(f)}: headings are worse than those of {FIRST_FITTED} by more than "
                 f"chance, {size}. By {kept.options['input']} it turns {1.0 + share:.3f} times as "
@@ -240,7 +238,7 @@ class Calibrated(Report):
     judged_on: str
     """What judged the fits, in words."""
     days: Sequence[Mapping[str, Any]]
-    """What each of several logs tells alone of the tyres, see `tyre_row`."""
+    """What each of several logs tells alone of the tyres, see `verdict.tyre_row`."""
 
     @property
     def profile(self) -> Profile:
@@ -282,7 +280,7 @@ class Calibrated(Report):
                 errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
         table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
         title = "Error of the relative pose on unseen data, and how sure that is"
-        return [replace(table, title=title), *values, *tyre_tables(self.days)]
+        return [replace(table, title=title), *values, *verdict.tyre_tables(self.days)]
 
     def page(self) -> str:
         """Return everything that its user wants to know as one HTML page, the verdict first."""
@@ -304,7 +302,7 @@ class Calibrated(Report):
     def notes(self) -> list[str]:
         """Return a verdict on each fit, the remarks, and the fits' notes."""
         notes = [*map(_say_verdict, self.fits), *_turn_notes(self.fits, self.kept)]
-        notes += [*change_sentences(self.days), *self.remarks]
+        notes += [*verdict.change_sentences(self.days), *self.remarks]
         # the first note of a fit that is no better says so, and the verdict does too
         notes += said_once({_fit_label(f): f.notes()[not f.better :] for f in self.fits})
         return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
@@ -383,7 +381,7 @@ def calibrate(o: Calibrate) -> Calibrated:
     if not inputs:
         raise ValueError("no input, wheel rates or commands, is in all logs")
     kinds: dict[Input, CommandKind] = {"wheels": "wheels", "commands": "twist"}
-    folds = {each: divide_logs(opened, held, kinds[each]) for each in inputs}
+    folds = {each: verdict.divide_logs(opened, held, kinds[each]) for each in inputs}
     if o.profile is None and o.robot is None:
         whole = source_of(opened[names[0]], split_ground(names[0])[0], kinds[inputs[0]])
         unknown = unknown_robot_notes(whole, robot)
@@ -412,7 +410,7 @@ def calibrate(o: Calibrate) -> Calibrated:
         faults=faults,
         fits=fits,
         remarks=notes,
-        judged_on=describe_judges(len(opened), [*held]),
+        judged_on=verdict.describe_judges(len(opened), [*held]),
         days=_watch_tyres(folds["wheels"][-1][0], profile) if "wheels" in folds else (),
     )
 
@@ -425,12 +423,12 @@ def _watch_tyres(logs: Sequence[Source], profile: Profile) -> list[dict[str, Any
         found = run_fit(options, lambda warning: None)
         numbers = {p.name: p.value for p in found.parameters}
         radius = found.plant.vehicle.wheel_radius
-        rows.append(tyre_row(Path(log.name).name, numbers, found.error_of, radius))
+        rows.append(verdict.tyre_row(Path(log.name).name, numbers, found.error_of, radius))
     return rows
 
 
 def _fit_all(
-    o: Calibrate, profile: Profile, folds: Mapping[Input, Sequence[Fold]]
+    o: Calibrate, profile: Profile, folds: Mapping[Input, Sequence[verdict.Fold]]
 ) -> tuple[list[Fitted], Profile]:
     """Return the fits, each begun with the profile of the one before, and an unseeing profile.
 
@@ -474,7 +472,7 @@ def _fit_all(
     return fits, profiles[_judge_of(folds[plans[0][1]])]
 
 
-def _judge_of(folds: Sequence[Fold]) -> int:
+def _judge_of(folds: Sequence[verdict.Fold]) -> int:
     """Return the number of the last fold that has a judge."""
     return max(k for k, (_, judges) in enumerate(folds) if judges)
 
@@ -544,7 +542,7 @@ def _fit_widely(options: Fit) -> Fitted:
     return replace(done, remarks=[*done.remarks, moved])
 
 
-def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[Fold]) -> Fitted:
+def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fold]) -> Fitted:
     """Return the last of some fits, as all of them are judged by what each has not seen.
 
     Its bands are those of the errors there.
@@ -558,7 +556,7 @@ def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[Fold]) -> 
         raise ValueError(
             f"{', '.join(o.names)}: nothing is left to judge on; name a log with --held-out"
         )
-    objections = list_objections(judged, driven, f.options["input"])
+    objections = verdict.list_objections(judged, driven, f.options["input"])
     at_bound = [p.name for p in f.parameters if p.at_bound and p.name in _ESSENTIAL]
     if at_bound:
         objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")

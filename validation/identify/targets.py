@@ -28,6 +28,7 @@ from validation.experiment.sources import (
     source_name,
     source_of,
 )
+from validation.files.columns import COMMAND_COLUMNS
 from validation.files.formats import log_path
 from validation.files.inspection import Inspected
 from validation.files.log import PLAIN, ReadOptions
@@ -42,6 +43,8 @@ Input = Literal["commands", "wheels"]
 """Input of a recording that drives a plant along it."""
 MOST_TIME = 1e12
 """Greatest size of a stamp that a recording can be cut at [s]; Unix stamps are about 1.8e9."""
+_UNCOMMANDED = 0.05
+"""Share of time without a command in which wheels may turn [1]; beyond it commands say little."""
 HORIZONS = (2.0, 6.0, 30.0, 60.0)
 """Horizons of the relative pose errors in results [s]."""
 
@@ -237,3 +240,53 @@ def worse_sentences(
         f"The fit's error on held-out data is larger than before, {now:.3g} m instead of "
         f"{was:.3g} m: profile.toml {kept}."
     ]
+
+
+def choose_inputs(
+    inspected: Inspected, trust: bool, warn: Callable[[str], object]
+) -> tuple[Inspected, list[Input], list[str]]:
+    """Return a log as a fit may see it, the inputs that can drive plants along it, and notes.
+
+    Columns that contradict the others are left out where a fit does without them: a gyro, and
+    commands beside wheel rates. The log is then looked at anew. Where it is refused, `warn` is
+    called with all else that is wrong with it.
+
+    Raises:
+        ValueError: the columns contradict one another without them too and are not to be taken on
+            `trust`, or nothing drives a plant.
+    """
+    name = inspected.log.name
+    notes = []
+    by_wheels = inspected.log.has(COMMAND_COLUMNS["wheels"])
+    commands = COMMAND_COLUMNS["twist"] if by_wheels else ()
+    for columns, loss in (
+        (("gyro_z",), "The gyro is left out, so the localiser alone tells headings."),
+        (commands, "The commands are not to be trusted, so the driver was not fitted."),
+    ):
+        if not trust and any({*columns} & {*fault.columns} for fault in inspected.fatal):
+            inspected = Inspected(inspected.log.without(columns), inspected.radius)
+            notes.append(loss)
+    log = inspected.log
+    lacks = inspected.lacks
+    if (inspected.fatal or lacks) and not trust:
+        others = [*(fault.sentence for fault in inspected.faults.named), *lacks]
+        spoiled: dict[str, None] = {}
+        for fault in inspected.fatal:
+            spoiled |= dict.fromkeys(fault.columns)
+        first = f"look at {', '.join(spoiled)} first" if spoiled else others.pop(-len(lacks))
+        for sentence in others:
+            warn(f"{name}: {sentence}")
+        raise ValueError(f"{name}: {first}; --trust calibrates all the same")
+    often = (inspected.faults.uncommanded_share or 0.0) > _UNCOMMANDED
+    inputs = list[Input]()
+    if by_wheels:
+        inputs.append("wheels")
+    if log.has(COMMAND_COLUMNS["twist"]) and not often:
+        inputs.append("commands")
+    if not inputs:
+        raise ValueError(
+            f"{name} has neither wheel rates, enc_left and enc_right, nor commands that drive it"
+        )
+    if often:
+        notes.append("The wheels often turn without a command, so the driver was not fitted.")
+    return inspected, inputs, notes

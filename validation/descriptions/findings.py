@@ -112,39 +112,26 @@ def _shares_of_axles_and_sides(robot: Robot) -> tuple[float, float]:
 
 
 def _weight_off(robot: Robot, _: Others) -> Finding | None:
-    ahead, aside = _shares_of_axles_and_sides(robot)
-    off = abs(ahead) + abs(aside)
-    if off < _OFF_SHARE or off >= 1.0:
+    off = sum(map(abs, _shares_of_axles_and_sides(robot)))
+    if not _OFF_SHARE <= off < 1.0:
         return None
     x, y = whole_com(robot)[:2]
-    loads = []
-    weight = robot.mass * GRAVITY
-    shown = {"x": 0.0, "y": 0.0}
-    if abs(ahead) > 0.25 * _OFF_SHARE:
-        shown["x"] = x
-        front = 0.25 * weight * (1.0 + ahead)
-        loads.append(f"front and rear wheels carry {front:.0f} and {0.5 * weight - front:.0f} N")
-    if abs(aside) > 0.25 * _OFF_SHARE:
-        shown["y"] = y
-        left = 0.25 * weight * (1.0 + aside)
-        loads.append(f"left and right ones carry {left:.0f} and {0.5 * weight - left:.0f} N")
+    loads = ", ".join(f"{share * robot.mass * GRAVITY:.0f}" for share in load_shares(robot))
     turn = turn_on_the_spot(robot.wheelbase, robot.track, x, y)
     middle = turn_on_the_spot(robot.wheelbase, robot.track)
     outcome = "told to turn on the spot, it drives straight ahead"
     # where it hardly turns, centre and ratio are numbers of no robot
     if turn.multiplier < _MOST_RATIO:
-        centre = _centre_words(
-            -turn.across / turn.yaw_rate, turn.forward / turn.yaw_rate, robot.wheelbase
-        )
+        centre = -turn.across / turn.yaw_rate, turn.forward / turn.yaw_rate
         outcome = (
-            f"it turns about {centre}, with a ratio of {turn.multiplier:.2f} instead of "
-            f"{middle.multiplier:.2f}"
+            f"it turns about {_centre_words(*centre, robot.wheelbase)}, with a ratio of "
+            f"{turn.multiplier:.2f} instead of {middle.multiplier:.2f}"
         )
     return Finding(
         "weight_off",
         "fault" if off > _FAR_OFF else "question",
-        f"the weight lies {_offset(**shown)} the middle between the wheels: "
-        f"{', '.join(loads)} each, so that {outcome}",
+        f"the weight lies {_offset(x, y)} the middle between the wheels, which carry {loads} N: "
+        f"{outcome}",
         "weigh the wheels of the robot; if they carry the same, put the body's centre of mass "
         "into the middle",
     )
@@ -154,16 +141,16 @@ def _centre_words(x: float, y: float, wheelbase: float) -> str:
     """Return words for the point that a robot turns about, from its middle [m]."""
     if abs(abs(x) - 0.5 * wheelbase) < 0.02 * wheelbase and abs(y) < 0.02 * wheelbase:
         return "its front axle" if x > 0.0 else "its rear axle"
-    away = _offset(x if abs(x) > 0.002 else 0.0, y if abs(y) > 0.002 else 0.0)
+    away = _offset(x, y)
     return f"a point {away} its middle" if away else "its middle"
 
 
 def _offset(x: float, y: float) -> str:
-    """Return words for a place beside another one [m]; empty for the same place."""
+    """Return words for a place beside another one [m]; empty for as good as the same place."""
     parts = []
-    if x:
+    if abs(x) > 0.002:
         parts.append(f"{1e3 * abs(x):.0f} mm {'ahead of' if x > 0.0 else 'behind'}")
-    if y:
+    if abs(y) > 0.002:
         parts.append(f"{1e3 * abs(y):.0f} mm to the {'left' if y > 0.0 else 'right'} of")
     return " and ".join(parts)
 

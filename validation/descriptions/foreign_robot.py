@@ -52,7 +52,8 @@ class ForeignRobot:
     """Its model, and its wheels."""
     contacts: Sequence[NumbersByName]
     """Numbers of the surfaces of the four wheels, as `contact_numbers` has them; `torsion` [m],
-    `rolling` [m], the tyre's `own` friction and `misses` (1 or 0) where MuJoCo says them."""
+    `rolling` [m], the tyre's `own` friction, `gap` to the ground [m] and `misses`
+    (1 or 0) where MuJoCo says them."""
     limits: Sequence[NumbersByName]
     """Limits of the wheels' joints and motors: `effort` [N m], `velocity` [rad/s] and `range` [rad]
     of the angle, `nothing` (1) where one is 0; `gain` [N m s/rad] and `gear` of MuJoCo's motors."""
@@ -476,7 +477,11 @@ def _tyre_contact(wheeled: WheeledRobot, joint: int) -> NumbersByName:
         mu2 = mu1
         own = float(model.geom_friction[sides[0], 0])
     slides = float(dimension > 1)
+    gap = np.nan
+    if ground is not None and model.geom_type[ground] != mujoco.mjtGeom.mjGEOM_HFIELD:
+        gap = mujoco.mj_geomDistance(model, wheeled.data, drum.geom, ground, np.inf, None)
     return NumbersByName(
+        gap=gap,
         mu1=slides * mu1,
         mu2=slides * mu2,
         own=slides * own,

@@ -33,7 +33,7 @@ _SLIPPERY = 0.01
 _EQUAL = 0.004
 """Deviation of two frictions or radii that are one, and height by which one of four stiff tyres
 misses level ground over their radius [1]."""
-STOPPING = ("held", "load", "effort", "motor_weak")
+STOPPING = ("held", "load", "effort", "motor_weak", "solver")
 """Kinds of what stops a robot, lifts it or leaves it without motors: whatever else it then does
 wrong follows from that."""
 
@@ -53,14 +53,15 @@ class _Stand:
         self.radius = robot.wheel_radius
         self.radii = np.array([np.nan if drum is None else drum.radius for drum in foreign.drums])
         self.slip = turn.slip
-        self.load = 0.25 * robot.mass * GRAVITY
+        self.weight = robot.mass * GRAVITY
+        self.load = 0.25 * self.weight
         self.rim = _FROUDE * math.sqrt(GRAVITY * self.radius)
         self.rate = self.rim / self.radius
         self.slow = 0.1 * self.rate
         self.mu = np.nan_to_num(self.of_wheels("mu1"), nan=robot.friction)
         self.need = 0.5 * robot.friction * turning_torque(robot, turn)
         reach = 0.5 * math.hypot(robot.wheelbase, robot.track)
-        self.moment = 4.0 * self.load * robot.friction * reach
+        self.moment = self.weight * robot.friction * reach
         self.one = 1.0
         self.slippery = _SLIPPERY
         self.few_turns = 4.0 * np.pi
@@ -157,6 +158,28 @@ class _Stand:
             elif model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY:
                 tied[:] = max(tied[0], float(of_robot[ends].sum() == 1))
         return tied
+
+    def unsolved(self) -> FloatArray | float:
+        """Return what the solver's sweeps leave open of the ground's torques on the wheels [N m].
+
+        They turn against each other, pressed a little into the ground.
+        """
+        model = mujoco.MjModel.__copy__(self.model)
+        data = mujoco.MjData(model)
+        root = model.body_jntadr[self.foreign.wheeled.root]
+        gaps = self.of_wheels("gap")
+        if model.jnt_type[root] != mujoco.mjtJoint.mjJNT_FREE or np.isnan(gaps).any():
+            return 0.0
+        data.qpos[model.jnt_qposadr[root] + 2] -= gaps.max() + _EQUAL * self.radius
+        data.qvel[self.dofs] = self.rate * self.foreign.wheeled.signs * LEFT
+        torques = []
+        for solver, most in ((model.opt.solver, 1), (mujoco.mjtSolver.mjSOL_NEWTON, 100)):
+            model.opt.solver = solver
+            model.opt.iterations = max(model.opt.iterations, most)
+            data.qacc_warmstart[:] = 0.0
+            mujoco.mj_forward(model, data)
+            torques.append(data.qfrc_constraint[self.dofs])
+        return abs(np.subtract(*torques))
 
     def has_suspension(self) -> bool:
         """Return whether something between base and wheels gives way."""
@@ -274,7 +297,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "unlike_wheels",
         "mu1 and mu2",
         "friction",
-        lambda stand: _shortfall(stand.mu),
+        lambda stand: _lack_of(stand.mu),
         "wheels differ in their friction: {written} of {wheels} is less by up to {effect:.2g} of "
         "that of the others, and it turns about those that hold",
     ),
@@ -310,7 +333,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "unlike_wheels",
         "radii of the wheels",
         "radii of the wheels",
-        lambda stand: _shortfall(stand.radii),
+        lambda stand: _lack_of(stand.radii),
         "wheels differ in their radius, {radii} m: the robot veers, and stands on some of them; "
         "give all four one radius",
         over="spread",
@@ -319,7 +342,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "which_friction",
         "",
         "condim and torsional friction",
-        lambda stand: 4.0 * stand.load * stand.of_wheels("torsion"),
+        lambda stand: stand.weight * stand.of_wheels("torsion"),
         "{written} of tyres and ground hold it with " + _MOMENT + " by sliding",
         over="moment",
     ),
@@ -360,6 +383,15 @@ _INFLUENCES: Sequence[_Influence] = (
         _Stand.unevenness,
         "{written} differ: one is {gap:.2g} m above or below the plane of the three others, so "
         "that it stands on three wheels",
+    ),
+    _Influence(
+        "solver",
+        "",
+        "solver and iterations of <option>",
+        _Stand.unsolved,
+        "{written} leave open {effect:.3g} N m of the ground's torque on {wheels}: too few sweeps; "
+        "take Newton, or more iterations" + _NEED,
+        over="need",
     ),
     _Influence(
         "axes",
@@ -450,7 +482,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "effort",
         "",
         "kv",
-        lambda stand: _shortfall(stand.of_wheels("gain")),
+        lambda stand: _lack_of(stand.of_wheels("gain")),
         "{written} of {wheels} is less by up to {effect:.2g} of that of the others",
         is_fault=False,
     ),
@@ -487,7 +519,7 @@ _INFLUENCES: Sequence[_Influence] = (
 )
 
 
-def _shortfall(values: FloatArray) -> FloatArray:
+def _lack_of(values: FloatArray) -> FloatArray:
     """Return by how much each value is less than the greatest, over that one."""
     most = np.nanmax(values, initial=0.0)
     return np.asarray((most - values) / max(most, _SLIPPERY))

@@ -183,7 +183,7 @@ def _shape(geometry: ElementTree.Element | None) -> ElementTree.Element | None:
     if geometry is None:
         return None
     for shape in geometry:
-        size = _words(shape)
+        size = _texts_of(shape)
         if shape.tag in ("box", "cylinder", "sphere", "capsule"):
             return ElementTree.Element(shape.tag, size)
         if shape.tag == "ellipsoid":
@@ -213,10 +213,10 @@ def _joint(joint: ElementTree.Element, place: FloatArray, frames: _Frames) -> El
     if kind == "revolute" and axis.find("limit/upper") is None:
         out.set("type", "continuous")
     for part in (*axis.findall("limit"), *axis.findall("dynamics")):
-        ElementTree.SubElement(out, part.tag, _words(part))
+        ElementTree.SubElement(out, part.tag, _texts_of(part))
     return out
 
 
-def _words(element: ElementTree.Element) -> dict[str, str]:
+def _texts_of(element: ElementTree.Element) -> dict[str, str]:
     """Return the texts of an element's children, by tag."""
     return {child.tag: (child.text or "").strip() for child in element}

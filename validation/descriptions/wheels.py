@@ -75,9 +75,9 @@ class WheeledRobot:
         self.data = mujoco.MjData(model)
         mujoco.mj_forward(model, self.data)
         four = self._four(any_direction)
-        wheel = int(model.jnt_bodyid[four[0]])
-        self.root = int(model.body_rootid[wheel])
-        if self.root == wheel:
+        roots = model.body_rootid[model.jnt_bodyid[four]]
+        self.root = int(roots[0])
+        if np.ptp(roots) > 0:
             raise ValueError(
                 "its wheels hang on the world and its base is part of it, as in a URDF that "
                 "MuJoCo saved: put base and wheels into a body with a <freejoint/>, or import the "

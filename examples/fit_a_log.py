@@ -9,7 +9,7 @@ from validation.fit import fit
 LOG = "sample"
 SEEN = 50.0
 
-fitted = fit("kinematic", to=LOG, input="wheels", until=SEEN, generations=10, seed=1)
+fitted = fit("kinematic", to=LOG, input="wheels", until=SEEN, seed=1)
 print(fitted.table())
 fitted.profile.save("runs/examples/fit_a_log.toml")
 fitted.figure().savefig("runs/examples/fit_a_log.png")

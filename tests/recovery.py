@@ -16,7 +16,7 @@ from validation.experiment.sources import Source, open_source
 from validation.fit import Fit
 from validation.identify.objective import FitCost
 from validation.identify.problem import FitProblem
-from validation.identify.search import search_for
+from validation.identify.search import Method, search_for
 from validation.identify.uncertainty import estimate_uncertainty, uncertainty_sentences
 from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, load_profile, make_plant
@@ -46,13 +46,13 @@ class Way:
 
     population: int
     generations: int
-    starts: int = 0
-    """Greatest number of starts of least squares after jDE; one begins with the profile."""
+    method: Method = "jde"
+    """What it is made of; lsq begins with the profile."""
 
 
 JDE = Way(20, 90)
-HYBRID = Way(20, 4, starts=3)
-LEAST_SQUARES = Way(5, 1, starts=1)
+HYBRID = Way(20, 4, method="hybrid")
+LEAST_SQUARES = Way(5, 1, method="lsq")
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +104,9 @@ def recover(seed: int, way: Way, torque_weight: float | None = None, workers: in
     problem = FitProblem("mujoco", base, space, [noisy_target(truth, seed)], cost)
     asked = Fit("mujoco", "traj4@mujoco", workers=workers, seed=seed)
     profile = [find_number("mujoco", name, base.robot).read(base) for name in space.names]
-    start = space.points(np.array([profile])) if way.starts == 1 else None
+    start = space.points(np.array([profile])) if way.method == "lsq" else None
     settings = JdeSettings(way.population, way.generations)
-    search = search_for(problem, settings, asked, start, way.starts)
+    search = search_for(problem, settings, asked, start, way.method)
     sure = estimate_uncertainty(problem, search.best, workers, search.driven)
     values = zip(space.names, space.values(search.best).tolist(), strict=True)
     errors = dict(zip(space.names, sure.standard_error.tolist(), strict=True))

@@ -427,9 +427,9 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        70_200,
+        69_500,
         66,
-        270,
+        266,
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
@@ -448,9 +448,9 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        34_500,
+        35_400,
         16,
-        92,
+        97,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; all of a log is "
         "fitted, its thirds in motion judge, and better is more than chance; "
@@ -525,9 +525,9 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        28_900,
+        28_700,
         19,
-        60,
+        59,
         "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "
         "what a log contains and can tell, and its conversion, whole writing; workers",
     ),

@@ -25,8 +25,6 @@ from validation.identify.uncertainty import VAGUE
 from validation.output import Progress
 from validation.plants.profile import Profile, load_profile
 
-QUICK = ("--population", "16", "--generations", "12")
-
 
 def document(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "fit.json").read_text()))
@@ -48,7 +46,6 @@ def test_known_parameters_come_back(tmp_path: Path) -> None:
         "u_x,mu_c,gain",
         "--seed",
         "1",
-        *QUICK,
     )
     truth = load_profile("thesis-lab").plants["coulomb"].parameters
     assert measured["status"] == "finished"
@@ -238,7 +235,6 @@ def test_what_the_data_cannot_tell_is_said(tmp_path: Path) -> None:
         "traj4@kinematic",
         "--free",
         "wheel_radius,alpha_l,alpha_r,acceleration_w",
-        *QUICK,
     ]
     measured = fitted(
         tmp_path, *args, "--bounds", "acceleration_w=5:20,alpha_l=0.8:1.1,alpha_r=0.8:1.1"
@@ -325,7 +321,8 @@ def test_a_checkpoint_of_another_fit_is_refused(
     for change, what in (
         (["--seed", "4"], "seed"),
         (["--bounds", "alpha_l=0.9:1.1"], "parameters or bounds"),
-        (["--objective", "sync"], "objective, settings of the search"),
+        (["--objective", "sync"], "objective"),
+        (["--search", "hybrid"], "search"),
         (["--generations", "3"], "settings of the search"),
     ):
         settings = [] if "--generations" in change else ["--generations", "2"]

@@ -22,7 +22,7 @@ import tyro
 from ssmr.errors import SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.models.law import PlanarLaw
-from ssmr.parameters import require_one_of, require_within
+from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import cli
@@ -33,7 +33,6 @@ from validation.experiment.scores import (
     standing_sentences,
 )
 from validation.experiment.sources import (
-    RECORDING,
     AnySource,
     Source,
     source_name,
@@ -42,7 +41,7 @@ from validation.experiment.sources import (
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.log import ReadOptions
-from validation.identify.beginning import FIRST_FITTED, begin_at, first_points, friction_left_untold
+from validation.identify import beginning
 from validation.identify.currents import with_torques
 from validation.identify.judging import (
     held_out_scores,
@@ -63,13 +62,12 @@ from validation.identify.report import (
     status_of,
 )
 from validation.identify.search import (
-    JAGGED,
     SETTINGS,
-    STARTS_OF,
     Method,
     Search,
     Searching,
     search_for,
+    usual_search,
 )
 from validation.identify.targets import (
     HORIZONS,
@@ -88,7 +86,7 @@ from validation.identify.uncertainty import (
 from validation.output import Document, Progress, file_name, one_line, shorten_text
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.searchable import find_number, make_space, split_by_log, with_values
+from validation.plants.searchable import find_number, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.report import drawing
 from validation.report.motions import interval_table
@@ -159,11 +157,12 @@ class Fit(Searching, ReadOptions):
     torque_constant: float | None = None
     """Torque of a side's wheels per ampere of its motor [N m/A], for logs with the motors'
     currents; the battery's need none. The profile's, or the robot file's, if not given."""
-    search: Method = "hybrid"
-    """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go
-    to the optimum, from its best candidate and from others far from it. jde: differential evolution
-    alone, as in the thesis; ask for it to repeat the thesis, or where different seeds of hybrid end
-    at different places. lsq: least squares alone, from --guess or what stands for it."""
+    search: Method | None = None
+    """jde: differential evolution alone, as in the thesis; --population and --generations choose
+    it. hybrid: a short one finds the region, then bounded least squares go to the optimum, from its
+    best candidate and from others far from it. descents: least squares from random candidates, then
+    a simplex by the cost. lsq: least squares alone, from --guess or what stands for it. If not
+    given, descents for planar models by the path, else hybrid."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an option that is out of its range."""
@@ -403,24 +402,6 @@ def _occasion_of(o: Fit) -> Occasion:
     return "scenario" if all(map(is_scenario, o.names)) else o.input
 
 
-def _searched_names(o: Fit, names: Sequence[str], sources: Sequence[Source]) -> list[str]:
-    """Return the names of the numbers that are searched, those of a log for each of several.
-
-    Raises:
-        ValueError: an option names a log or a ground that is none.
-    """
-    logs = [source.tags[0] for source in sources if source.reference == RECORDING]
-    grounds = dict.fromkeys(chain(*(source.tags[1:] for source in sources)))
-    known = {*logs, *grounds}
-    for name in (*names, *o.fix, *o.bounds, *(o.guess if isinstance(o.guess, Mapping) else ())):
-        _, at, tag = name.partition("@")
-        if at:
-            require_one_of(tag, known, f"{name} names no log and no ground")
-    free = [name for name in names if name not in o.fix]
-    split = split_by_log(free, logs if len(logs) > 1 else (), grounds if len(grounds) > 1 else ())
-    return [name for name in split if name not in o.fix]
-
-
 def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     """Return the report of `fit`; `warn` is called with what is wrong with its sources or it."""
     add_user_model(o.own_model)
@@ -437,12 +418,15 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     span = (o.since, o.until)
     opened = open_sources(o.sources, base, o.held_out, o.input, span, options=o, radius=radius)
     sources, held_out = opened
-    searched = _searched_names(o, kind.free[occasion] if o.free is None else o.free, sources)
+    held_turning = _held_turning(o)
+    usual = [name for name in kind.free[occasion] if name not in held_turning]
+    names = usual if o.free is None else o.free
+    searched = beginning.searched_names([*names, *_mentioned(o)], names, o.fix, sources)
     space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)
     before = np.array([find_number(o.model, name, begun.robot).read(begun) for name in space.names])
     start = None
     if o.guess is not None or o.search == "lsq" or occasion != "scenario":
-        start = first_points(o.guess, space, before)
+        start = beginning.first_points(o.guess, space, before)
     for warning in dict.fromkeys(chain(*(source.warnings for source in chain(*opened)))):
         warn(warning)
     yaw_weight = o.yaw_weight
@@ -466,15 +450,15 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     # numbers that the user chooses begin where the profile has them
     begins = kind.torques and occasion != "scenario" and o.guess is None and o.free is None
     if begins:
-        names = _searched_names(o, plant_kind(FIRST_FITTED).free[occasion], sources)
-        start = begin_at(problem, base.section(FIRST_FITTED), names, o)
+        names = plant_kind(beginning.FIRST_FITTED).free[occasion]
+        names = beginning.searched_names((), names, o.fix, sources)
+        start = beginning.begin_at(problem, base.section(beginning.FIRST_FITTED), names, o)
     simulated = o.model in SIMULATED
-    # sampled paths make the cost jagged, so differential evolution has to go farther
-    jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
-    settings = o.settings(JAGGED if jagged else SETTINGS[o.search, simulated])
-    search = search_for(problem, settings, o, start, STARTS_OF[o.search])
-    if begins and (friction := friction_left_untold(problem, search, o)):
-        return _fit_with_held_friction(o, friction, space, search.best, opened, warn)
+    method = o.search or usual_search(o, problem)
+    settings = o.settings(SETTINGS[method, simulated])
+    search = search_for(problem, settings, o, start, method)
+    if begins and (friction := beginning.friction_left_untold(problem, search, o)):
+        return _fit_with_held_friction(o, friction, space, search, opened, warn)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
     report = _report_fit(o, problem, base, search, before, held_out)
@@ -483,16 +467,28 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     return report
 
 
+def _mentioned(o: Fit) -> list[str]:
+    """Return the numbers that options fix, bound or guess, by name."""
+    return [*o.fix, *o.bounds, *(o.guess if isinstance(o.guess, Mapping) else ())]
+
+
+def _held_turning(o: Fit) -> list[str]:
+    """Return the frictions that resist turns which nobody asked for and the sources do not tell."""
+    if o.free is not None or _occasion_of(o) != "scenario":
+        return []
+    return [n for n in beginning.untold_by_amplitude(o.model, o.names) if n not in _mentioned(o)]
+
+
 def _fit_with_held_friction(
     o: Fit,
     friction: Mapping[str, float],
     space: ParameterSpace,
-    point: FloatArray,
+    search: Search,
     opened: tuple[list[Source], list[Source]],
     warn: Callable[[str], object],
 ) -> Fitted:
-    """Return the report of a fit that goes on from an (n,) point with a friction that is held."""
-    guess = dict(zip(space.names, space.values(point).tolist(), strict=True))
+    """Return the report of a fit that goes on from a search's end with a friction that is held."""
+    guess = dict(zip(space.names, space.values(search.best).tolist(), strict=True))
     again = replace(
         o,
         to=opened[0],
@@ -508,7 +504,8 @@ def _fit_with_held_friction(
     report = run_fit(again, lambda warning: None)
     reason = "neither torques nor the speed of this motion tell it."
     notes = [f"{name} is held at {value:.3g}: {reason}" for name, value in friction.items()]
-    was = {name: getattr(o, name) for name in ("search", "guess", "since", "until")}
+    was = {name: getattr(o, name) for name in ("guess", "since", "until")}
+    was["search"] = search.method
     options = {**report.options, **was}
     report = replace(report, asked=o, options=options, remarks=[*notes, *report.remarks])
     for sentence in report.worse:
@@ -530,6 +527,8 @@ def _report_fit(
     bands: dict[str, Band] = {}
     notes = _source_notes(o, problem, base, held_out)
     notes += bound_sentences(problem.space, point)
+    if _occasion_of(o) == "scenario":
+        notes += beginning.amplitude_sentences(problem, _held_turning(o))
     if not search.interrupted:
         try:
             sure = estimate_uncertainty(search.coarser or problem, point, o.raters, search.driven)
@@ -554,6 +553,7 @@ def _report_fit(
     notes += undriven
     options = o.chosen(search.jde.settings)
     options["held_out"] = tuple(map(source_name, o.held_out))
+    options["search"] = search.method
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
     motions = []

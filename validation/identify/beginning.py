@@ -1,35 +1,45 @@
-"""Where the fit of a body on wheels to logs begins: at what the kinematic model finds in them.
+"""What a fit begins with and what it holds.
+
+The fit of a body on wheels to logs begins at what the kinematic model finds in them.
 
 That model has the radii, the lateness and the mount of the localiser, and the driver, as plain
 numbers, and finds them in less than a second. How a body turns, where its weight lies, is what is
 left to find; its friction is held where the logs do not tell it.
+
+A friction that resists turns takes a constant off the yaw rate. Where all turns have one amplitude
+that is a gain, and one number with the half-track: a planar model holds it.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from scipy.optimize import brentq
 
 from ssmr.errors import SsmrError
+from ssmr.parameters import require_one_of
 from ssmr.robot.ground import SkidTurn, turn_on_the_spot
+from ssmr.scenarios import TRAJECTORIES
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
+from validation.experiment.sources import RECORDING, Source
 from validation.identify.problem import FitProblem
-from validation.identify.refine import STARTS
 from validation.identify.search import SETTINGS, Search, Searching, search_for
 from validation.identify.uncertainty import VAGUE, estimate_uncertainty, prior_deviations
 from validation.output import ignore_progress
 from validation.plants.kind import PlantProfile
-from validation.plants.searchable import make_space, with_values
-from validation.plants.table import SIMULATED
+from validation.plants.searchable import find_number, make_space, split_by_log, with_values
+from validation.plants.table import SIMULATED, plant_kind
 from validation.simulator.description import Robot
 
 FIRST_FITTED = "kinematic"
 """Plant whose fit others begin with."""
+_RESISTS_TURNS = "mu_"
+"""Beginning of the names of coefficients of a friction that resists turns, however slow."""
 _REACH = 0.4
 """Greatest distance of the weight from the middle between the axles over the wheelbase [1]."""
 
@@ -88,7 +98,7 @@ def begin_at(
     space = make_space(FIRST_FITTED, names, {}, robot)
     problem = FitProblem(FIRST_FITTED, first, space, body.sources, body.cost, body.held)
     alone = replace(o, out=None, resume=False, progress=ignore_progress)
-    search = search_for(problem, SETTINGS["hybrid", False], alone, problem.begun[None], STARTS)
+    search = search_for(problem, SETTINGS["hybrid", False], alone, problem.begun[None], "hybrid")
     if search.interrupted:
         raise KeyboardInterrupt
     numbers = dict(zip(names, space.values(search.best).tolist(), strict=True))
@@ -111,6 +121,52 @@ def begin_at(
         points.append(first_points(None, body.space, np.array(values)))
     costs = (body.coarser() or body).costs(np.concatenate(points), None, o.raters)
     return points[int(np.argmin(costs))]
+
+
+def searched_names(
+    named: Sequence[str], names: Sequence[str], held: Collection[str], sources: Sequence[Source]
+) -> list[str]:
+    """Return the names that are searched, of those that are not held: one of each of several logs.
+
+    Raises:
+        ValueError: one that is `named` anywhere is of a log or a ground that is none.
+    """
+    logs = [source.tags[0] for source in sources if source.reference == RECORDING]
+    grounds = dict.fromkeys(chain(*(source.tags[1:] for source in sources)))
+    for name in named:
+        _, at, tag = name.partition("@")
+        if at:
+            require_one_of(tag, {*logs, *grounds}, f"{name} names no log and no ground")
+    free = [name for name in names if name not in held]
+    split = split_by_log(free, logs if len(logs) > 1 else (), grounds if len(grounds) > 1 else ())
+    return [name for name in split if name not in held]
+
+
+def untold_by_amplitude(model: str, scenarios: Sequence[str]) -> list[str]:
+    """Return a planar model's frictions that turns of one amplitude in scenarios do not tell."""
+    amplitudes = {TRAJECTORIES[name.partition("@")[0]].amplitude for name in scenarios}
+    kind = plant_kind(model)
+    if kind.torques or len(amplitudes) > 1:
+        return []
+    return [name for name in kind.free["scenario"] if name.startswith(_RESISTS_TURNS)]
+
+
+def amplitude_sentences(problem: FitProblem, held: Sequence[str]) -> list[str]:
+    """Return what a fit holds because of one amplitude, or what its plant lacks for several."""
+    out = []
+    for name in held:
+        value = find_number(problem.model, name, problem.base.robot).read(problem.base)
+        out.append(
+            f"{name} is held at {value:.3g}: turns of one amplitude cannot tell it from the "
+            "half-track. Several can, such as --to traj4@mujoco,traj2@mujoco; --free frees it."
+        )
+    resists = any(name.startswith(_RESISTS_TURNS) for name in problem.space.names)
+    if len(problem.sources) > 1 and not (resists or plant_kind(problem.model).torques):
+        out.append(
+            f"{problem.model} has no free friction that takes a constant off the yaw rate: turns "
+            "of several amplitudes are more than it can hold, and errors are centimetres."
+        )
+    return out
 
 
 def friction_left_untold(problem: FitProblem, search: Search, o: Searching) -> dict[str, float]:

@@ -1,12 +1,15 @@
-"""The second stage of a fit: bounded least squares on the errors themselves.
+"""The later stages of a fit: bounded least squares on the errors themselves, and a simplex.
 
-They begin at the best candidate of the first stage, and at others far from it.
+Least squares begin at the best candidate of the first stage, and at others far from it.
 
 A cost is one number; the errors that it is made of are thousands, and how each changes with each
 parameter says where the optimum lies. `scipy.optimize.least_squares` (trust region, within the unit
 cube) goes there in some tens of motions. The derivatives of a step are finite differences of one
 population. What was driven is remembered, so a search that was interrupted goes on by driving only
 what is new, and comes to the same end.
+
+What a cost has beyond its errors' squares, the greatest distance between two paths say, least
+squares do not see. There the simplex of J. Nelder and R. Mead (1965) goes on by the cost alone.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import Bounds, least_squares, minimize
 
 from ssmr.types import FloatArray
 
@@ -48,6 +51,13 @@ HOPELESS = 2.0
 _MOST_SCALES = 5
 """Greatest number of times that robust least squares begin with a new scale, the errors' median
 size: far from the optimum all errors are large, and the scale with them."""
+_SIMPLEX = 0.05
+"""Length of a simplex that begins, in the unit cube."""
+_SIMPLEX_END = 1e-3
+"""Length in the unit cube, and share of the cost, at which a simplex ends; the least share of the
+cost that it must gain for another to follow."""
+_MOST_SIMPLICES = 8
+"""Greatest number of simplices, each of which begins where the last one ended."""
 _SAME_SCALE = 0.8
 """Ratio of a scale to the one before, beyond which there is no new one [1]."""
 
@@ -297,6 +307,33 @@ def descend_from(
             break
         unit = scale
     return np.asarray(end), size
+
+
+def simplex_end(cost_at: Callable[[FloatArray], float], start: FloatArray) -> FloatArray:
+    """Return the (n,) point of the unit cube where simplices from a start end.
+
+    A simplex may fold and end anywhere, so another begins at its end until one gains nothing. An
+    interrupt passes through.
+    """
+    cube = Bounds(np.zeros(len(start)), np.ones(len(start)))
+    end = start
+    cost = cost_at(start)
+    for _ in range(_MOST_SIMPLICES):
+        # inwards, as a simplex outside the cube would be flat
+        steps = np.where(end < 0.5, _SIMPLEX, -_SIMPLEX)
+        settings = {
+            "initial_simplex": np.vstack([end, end + np.diag(steps)]),
+            "xatol": _SIMPLEX_END,
+            "fatol": _SIMPLEX_END * cost,
+            "adaptive": True,
+        }
+        found = minimize(cost_at, end, method="Nelder-Mead", bounds=cube, options=settings)
+        before = cost
+        end = found.x
+        cost = float(found.fun)
+        if cost >= (1.0 - _SIMPLEX_END) * before:
+            break
+    return np.asarray(end)
 
 
 def _total_size(errors: FloatArray, robust: bool) -> float:

@@ -26,9 +26,16 @@ from ssmr.types import FloatArray, frozen_array
 from validation import cli, output
 from validation.files.reading import opened
 from validation.identify.problem import FitProblem
-from validation.identify.refine import STARTS, Corrected, Remembered, descent_ends
+from validation.identify.refine import (
+    STARTS,
+    Corrected,
+    Remembered,
+    descent_ends,
+    simplex_end,
+)
 from validation.identify.tuning import TuneProblem
 from validation.output import Document, Progress
+from validation.plants.table import SIMULATED
 
 _CHECKPOINT = "checkpoint.npz"
 """Name of the file in the results' folder that keeps a search's state."""
@@ -51,24 +58,24 @@ _LEFT_OUT = {
 }
 # options that are settings of the optimiser
 _SIZES = ("population", "generations", "patience")
-Method = Literal["jde", "hybrid", "lsq"]
-"""Searches of a fit: differential evolution; a short one, then least squares; or least squares from
-one start."""
+Method = Literal["jde", "hybrid", "descents", "lsq"]
+"""Searches of a fit: differential evolution; a short one, then least squares; least squares from
+random starts, then a simplex; or least squares from one start."""
 SETTINGS: Mapping[tuple[Method, bool], JdeSettings] = {
     ("jde", False): JdeSettings(50, 300),
     ("jde", True): JdeSettings(20, 90),
     ("hybrid", False): JdeSettings(20, 10),
     ("hybrid", True): JdeSettings(20, 4),
+    ("descents", False): JdeSettings(20, 1),  # of which only the first population is drawn
+    ("descents", True): JdeSettings(20, 1),
     ("lsq", False): JdeSettings(5, 1),  # of which only the first candidate counts
     ("lsq", True): JdeSettings(5, 1),
 }
 """Usual settings of jDE for planar models (`jde`: Tab. 3.7 of the thesis) and simulated bodies."""
-STARTS_OF: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
+STARTS_OF: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "descents": STARTS + 1, "lsq": 1}
 """Greatest number of starts of least squares."""
-JAGGED = JdeSettings(50, 150, patience=80, slope=0.0)
-"""Usual settings of a hybrid search of planar models for the path objective: distances between
-samples make it jagged, so least squares go to the right place but not to the least cost there.
-F and CR that are not lowered find it in half of the evaluations that the thesis' settings take."""
+_SAVED_EVERY = 50
+"""Number of candidates of a simplex after which a checkpoint is written."""
 _log = logging.getLogger(__name__)
 
 
@@ -92,7 +99,7 @@ class Searching(cli.Common):
     or the controller if not given."""
     patience: int | None = None
     """Number of generations over which the best cost must improve by a thousandth, or jDE stops;
-    30 if not given, 80 for a hybrid search of a planar model by its path."""
+    30 if not given."""
     resume: bool = False
     """Continue from the checkpoint in the folder of --out."""
     name: str | None = None
@@ -133,6 +140,15 @@ class Searching(cli.Common):
         return values | {name: getattr(settings, name) for name in _SIZES}
 
 
+def usual_search(o: Searching, problem: FitProblem) -> Method:
+    """Return the search of a fit that names none (docs/identification.md compares them)."""
+    if o.population is not None or o.generations is not None:
+        return "jde"
+    # many motions of a simulated body, one after the other, would take long
+    is_path = problem.cost.objective == "path" and problem.model not in SIMULATED
+    return "descents" if is_path else "hybrid"
+
+
 @dataclass
 class Search:
     """A search under way: the optimiser, and the state of its stages."""
@@ -143,8 +159,8 @@ class Search:
     """Digests of all that decides the outcome, by name."""
     checkpoint: Path | None = None
     """File that the state is written to after every generation."""
-    starts: int = 0
-    """Number of starts of least squares that follow the optimiser."""
+    method: Method = "jde"
+    """What it is made of."""
     wall_s: float = 0.0
     """Time that the search took [s], over all its runs."""
     interrupted: bool = False
@@ -158,6 +174,13 @@ class Search:
     better."""
     ends: int = 0
     """Number of points at which least squares have ended; each was rated by its cost too."""
+    rated: Remembered = field(default_factory=Remembered)
+    """Costs of all candidates of simplices, by their points."""
+
+    @property
+    def starts(self) -> int:
+        """Greatest number of starts of least squares that follow the optimiser."""
+        return STARTS_OF[self.method]
 
     @property
     def best(self) -> FloatArray:
@@ -176,7 +199,8 @@ class Search:
     @property
     def by_stage(self) -> dict[str, int]:
         """Number of candidates that each stage rated."""
-        return {"jde": self.jde.evaluations, "lsq": len(self.driven) + self.ends}
+        least_squares = len(self.driven) + self.ends
+        return {"jde": self.jde.evaluations, "lsq": least_squares, "simplex": len(self.rated)}
 
     @property
     def evaluations(self) -> int:
@@ -185,9 +209,11 @@ class Search:
 
     @property
     def stopped_by(self) -> str:
-        """`generations`, `improvement`, `target`, `least squares` or `interrupt`."""
+        """`generations`, `improvement`, `least squares`, `simplex` or `interrupt`."""
         if self.interrupted:
             return "interrupt"
+        if self.rated:
+            return "simplex"
         if self.driven:
             return "least squares"
         return self.jde.finished
@@ -196,7 +222,7 @@ class Search:
         """Go on with differential evolution until a stop rule holds or Ctrl-C is pressed.
 
         What was found stays. The checkpoint is written, and the best candidate shown as progress,
-        after every generation. A single start of least squares needs no further generation.
+        after every generation. Some searches need its first population alone.
         """
         began = time.perf_counter()
         rated = self.jde.evaluations
@@ -210,7 +236,8 @@ class Search:
             o.progress(Progress(len(self.jde.history) + share, total, text))
 
         with self._timed() as save:
-            while not (self.jde.finished or (self.starts == 1 and len(self.jde.history))):
+            draws = self.method in ("descents", "lsq")
+            while not (self.jde.finished or (draws and len(self.jde.history))):
                 costs = problem.costs(self.jde.ask(), self.jde.costs, o.raters, tell)
                 self.jde.tell(costs)
                 save()
@@ -227,7 +254,7 @@ class Search:
             self.coarser = coarser
 
     def refine(self, problem: FitProblem, o: Searching) -> None:
-        """Go on by least squares from the best candidate and others far from it.
+        """Go on by least squares, from the best candidate and others far from it, and a simplex.
 
         One start alone begins at the first candidate, be it the best or not: it is the user's. With
         a longer physics step errors are corrected where each descent begins, and costs of ends are
@@ -261,7 +288,28 @@ class Search:
                 cost = float(problem.costs(end[None], None, o.raters)[0])
                 if cost < self.cost:
                     self.refined = end, cost
+
+            if self.method == "descents":
+                simplex_end(partial(self._cost_at, problem, o, save), self.best)
             self.driven.correct(self.best)
+
+    def _cost_at(
+        self, problem: FitProblem, o: Searching, save: Callable[[], object], point: FloatArray
+    ) -> float:
+        """Return the cost of a simplex's (n,) candidate, which is rated once and kept if best."""
+
+        def rate(new: FloatArray) -> FloatArray:
+            if len(self.rated) % _SAVED_EVERY == 0:
+                save()
+                total = self.jde.settings.generations + 1 + self.starts
+                text = f"simplex: cost {self.cost:.5g}, {len(self.rated)} candidates"
+                o.progress(Progress(total, total, text))
+            return problem.costs(new, None, o.raters)[:, None]
+
+        cost = float(self.rated.look_up(point[None], rate)[0, 0])
+        if cost < self.cost:
+            self.refined = point.copy(), cost
+        return cost
 
     @contextlib.contextmanager
     def _timed(self) -> Iterator[Callable[[], None]]:
@@ -287,9 +335,10 @@ class Search:
             "wall_s": np.array(self.wall_s),
             **{f"jde_{name}": value for name, value in self.jde.state().items()},
         }
-        if len(self.driven):
-            points = np.array([np.frombuffer(point) for point in self.driven])
-            arrays |= {"lsq_points": points, "lsq_errors": np.array(list(self.driven.values()))}
+        for name, memory in (("lsq", self.driven), ("simplex", self.rated)):
+            if len(memory):
+                arrays[f"{name}_points"] = np.array([np.frombuffer(point) for point in memory])
+                arrays[f"{name}_errors"] = np.array(list(memory.values()))
         output.write_atomic(
             path, lambda temporary: np.savez(temporary, allow_pickle=False, **arrays)
         )
@@ -311,8 +360,11 @@ class Search:
                     state[name.removeprefix("jde_")] = value
             jde = Jde.restore(state)
             wall_s = float(frozen_array(data["wall_s"], "wall_s", ()))
-            points = [point.tobytes() for point in data.get("lsq_points", ())]
-            driven = Remembered(zip(points, data.get("lsq_errors", ()), strict=True))
+            memories = []
+            for name in ("lsq", "simplex"):
+                points = [point.tobytes() for point in data.get(f"{name}_points", ())]
+                errors = data.get(f"{name}_errors", ())
+                memories.append(Remembered(zip(points, errors, strict=True)))
         except Exception as error:  # a damaged file may raise anything
             raise ValueError(
                 f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})"
@@ -322,7 +374,8 @@ class Search:
                 f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
                 "ask for the same search again, or begin anew without resume"
             )
-        return cls(jde, identity, driven=driven, wall_s=wall_s)
+        driven, rated = memories
+        return cls(jde, identity, driven=driven, rated=rated, wall_s=wall_s)
 
 
 def search_for(
@@ -330,12 +383,12 @@ def search_for(
     settings: JdeSettings,
     o: Searching,
     start: FloatArray | None = None,
-    starts: int = 0,
+    method: Method = "jde",
 ) -> Search:
-    """Search by differential evolution and then by least squares; return what was found.
+    """Search by a method, whose differential evolution has some settings; return what was found.
 
     It is begun anew or goes on from a checkpoint, and ends by a stop rule or by Ctrl-C. The (k, n)
-    `start` are candidates for the first population. A fit has so many `starts` of least squares.
+    `start` are candidates for the first population.
 
     Raises:
         ValueError: settings that make no sense, or the checkpoint of another search.
@@ -344,7 +397,7 @@ def search_for(
         SsmrError: every candidate was impossible or failed.
     """
     plain = {**problem.identity(), "settings of the search": asdict(settings)}
-    plain |= {"start": None if start is None else start.tolist(), "seed": o.seed}
+    plain |= {"start": None if start is None else start.tolist(), "seed": o.seed, "search": method}
     identity = {}
     for name, value in plain.items():
         identity[name] = hashlib.sha256(repr(value).encode()).hexdigest()
@@ -357,10 +410,10 @@ def search_for(
             search = Search.load(o.checkpoint, identity)
         elif o.resume:
             _log.warning("there is no %s to resume from; the search begins anew", o.checkpoint)
-    search.starts = starts
+    search.method = method
     search.checkpoint = o.checkpoint
     # candidates that differential evolution alone rates have the profile's step
-    if starts and isinstance(problem, FitProblem):
+    if search.starts and isinstance(problem, FitProblem):
         search.take_longer_steps(problem, o.raters)
     search.evolve(search.coarser or problem, o)
     if not math.isfinite(search.jde.best_cost):
@@ -370,6 +423,6 @@ def search_for(
             "every candidate was impossible or failed; "
             "change the bounds, or the values that are held"
         )
-    if starts and not search.interrupted and isinstance(problem, FitProblem):
+    if search.starts and not search.interrupted and isinstance(problem, FitProblem):
         search.refine(problem, o)
     return search

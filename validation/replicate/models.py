@@ -16,6 +16,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import FloatArray, State
 from validation.fit import fit
 from validation.plants.profile import load_profile, make_plant
+from validation.plants.table import plant_kind
 from validation.replicate import published
 from validation.replicate.chapters import Findings, Section, Task, finished_results, unit_of_metric
 from validation.replicate.verdicts import RULE_OF, Pair, Rows, Rule
@@ -41,6 +42,7 @@ def _fit_model(model: str, task: Task) -> Findings:
         "traj4@mujoco",
         _PROFILE,
         held_out=("traj1", "traj2", "traj3"),
+        free=plant_kind(model).free["scenario"],  # as there, though one amplitude tells too little
         objective="path",
         population=population,
         generations=generations,

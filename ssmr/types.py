@@ -44,13 +44,17 @@ MOTOR_COLUMNS: Mapping[str, tuple[str, str]] = MappingProxyType(
 
 
 def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return a contiguous, read-only copy of numbers of a `shape`, in which `None` is any length.
+    """Return contiguous, read-only numbers of a `shape`, in which `None` is any length.
+
+    They are a copy, unless they were that already and nothing else holds them.
 
     Raises:
         ValueError: the shape is another one, or a number is not finite; the message calls the
             values `name`.
     """
-    array = np.array(values, dtype=np.float64, order="C", copy=True)
+    flags = values.flags if isinstance(values, np.ndarray) else None
+    kept = flags is not None and flags.owndata and not flags.writeable
+    array = np.array(values, dtype=np.float64, order="C", copy=None if kept else True)
     pairs = zip(array.shape, shape, strict=False)
     if array.ndim != len(shape) or any(length not in (n, None) for n, length in pairs):
         expected = "x".join("N" if length is None else str(length) for length in shape)

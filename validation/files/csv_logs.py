@@ -144,12 +144,14 @@ def _log_of_table(table: CsvTable, options: ReadOptions, radius: float | None) -
     if len(lines) < 2:
         some = "is one sample" if len(lines) else "are no samples"
         raise FileError(path, f"there {some} after the header; a log needs at least two")
-    cells = np.column_stack(list(columns.values()))
-    same = (cells[1:] == cells[:-1]) | (np.isnan(cells[1:]) & np.isnan(cells[:-1]))
-    anew = np.append(True, ~np.all(same, axis=1))
+    anew = np.zeros(len(lines), dtype=bool)
+    anew[0] = True
+    for values in columns.values():
+        both = np.isnan(values[1:]) & np.isnan(values[:-1])
+        anew[1:] |= (values[1:] != values[:-1]) & ~both
     if not np.all(anew):
         remarks.append(f"{np.count_nonzero(~anew)} rows repeat the one before, and are left out")
-    columns = {name: values[anew] for name, values in columns.items()}
+        columns = {name: values[anew] for name, values in columns.items()}
     log = _of_columns(path, columns, lines[anew], options.limits)
     return replace(log, remarks=remarks)
 

@@ -259,5 +259,7 @@ def _greatest_around(
     the values.
     """
     shifts = np.arange(-back, _CLOCKS_S + _BIN_S, _BIN_S)
-    ends = np.max([np.interp(t + shift, stamps, values) for shift in shifts], axis=0)
+    ends = np.full(len(t), -np.inf)
+    for shift in shifts:
+        np.maximum(ends, np.interp(t + shift, stamps, values), out=ends)
     return np.maximum(ends[:-1], ends[1:])

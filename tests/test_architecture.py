@@ -473,7 +473,7 @@ PRICES = {
         "is weighed against what a turn needs; each is a plant by its path",
     ),
     "validation/files": Price(
-        47_500,
+        47_800,
         28,
         116,
         "any log, a frame of pandas too, is read as one form, of tables in any usual layout, with "

@@ -42,7 +42,7 @@ from validation.replicate.control import (
 from validation.replicate.lab import high_pass, variance_above
 from validation.replicate.models import alternating_samples
 from validation.replicate.published import printed_value
-from validation.replicate.run import ALL_SECTIONS
+from validation.replicate.run import ALL_SECTIONS, Replication
 from validation.replicate.verdicts import EVIDENCE, STATUSES
 
 PLACES = {f"Sec. {n}" for n in ("3.7", "4.5, motors")} | {"Fig. 3.33"}
@@ -292,3 +292,19 @@ def test_ramps_are_taken_away_and_white_noise_leaves_its_share(rate: float) -> N
     weave = 0.3 * np.sin(2.0 * np.pi * 0.5 * t)  # as in trajectory 1
     share = np.square(high_pass(rate)).sum()
     assert variance_above(ramp + weave + noise, rate) == pytest.approx(share * 0.003**2, rel=0.05)
+
+
+# --------------------------------------------------------------------------------------------------
+# fits that did not converge
+
+
+def test_a_fit_that_leaves_more_to_reach_agrees_with_nothing() -> None:
+    """A population of five in a single generation ends anywhere; so does a distance that it has."""
+    section = next(s for s in ALL_SECTIONS if s.key == "fit-linear")
+    found = section.run(Task(0, 1, ignore_progress, fit=(5, 1)))
+    assert {row.whole.status for row in found.rows} == {"not compared"}
+    report = Replication(
+        title="", options={"quick": False}, findings={section.key: found}, chapters=[]
+    )
+    assert report.unconverged == ["3.14", "3.15"]
+    assert any("did not converge: tables 3.14, 3.15" in note for note in report.notes())

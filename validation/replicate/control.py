@@ -126,7 +126,8 @@ def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping
         name = printed["ours"]
         spread = standard_deviation([search["gains"][name] for search in searches])
         obstacle = "" if spread is not None else "a single search has no spread"
-        if name not in best["parameters"]:
+        searched = best["parameters"].get(name, {})
+        if not searched:
             obstacle = "set by hand in the thesis; taken over"
         beside = {}
         if "manual" in printed:
@@ -139,7 +140,8 @@ def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping
             spread,
             beside,
             obstacle=obstacle,
-            bounds=printed.get("search", ()),
+            bounds=(searched["lower"], searched["upper"]) if searched else (),
+            scale=searched.get("scale", "linear"),
             printed_bounds=printed.get("search", ()),
         )
         rows[row] = {"optimised": pair}

@@ -36,6 +36,7 @@ from validation.replicate.verdicts import (
     SPREADS,
     STATUSES,
     TOO_WIDE,
+    UNCONVERGED,
     UNEXPLAINED,
     Evidence,
     JudgedRow,
@@ -94,6 +95,15 @@ class Replication(Report):
         return [f"{row.table} {row.name}" for row in self.rows if _is_unexplained(row)]
 
     @property
+    def unconverged(self) -> list[str]:
+        """Tables that rest on a fit which did not converge, such as `3.9`."""
+        tables = dict[str, None]()
+        for row in self.rows:
+            if any(v.reason.startswith(UNCONVERGED) for v in row.verdicts.values()):
+                tables[row.table] = None
+        return list(tables)
+
+    @property
     def by_evidence(self) -> dict[str, dict[str, int]]:
         """Number of the thesis' rows by evidence and verdict."""
         counts = _count_verdicts(self.rows)
@@ -118,6 +128,9 @@ class Replication(Report):
         notes = [*super().notes()]
         if self.unexplained:
             notes.append(f"Unexplained: {', '.join(self.unexplained)}.")
+        if self.unconverged:
+            tables = ", ".join(self.unconverged)
+            notes.append(f"Not compared, because fits did not converge: tables {tables}.")
         return notes
 
     def document(self) -> Document:

@@ -15,6 +15,10 @@ from functools import cache
 from importlib import resources
 from typing import Literal, NamedTuple, get_args
 
+import numpy as np
+
+from ssmr.parameters import Scale
+
 FACTOR = 1.5
 """Greatest ratio of two distances that agree."""
 RATIO_REACH = 0.01
@@ -27,6 +31,8 @@ tells nothing."""
 AT_BOUND = 0.05
 """Share of a search's range [1]: a number, ours or the printed one, that is so near to an end tells
 where the end is."""
+UNCONVERGED = "its fit did not converge"
+"""Beginning of the obstacle to comparing what rests on a fit from which more can be reached."""
 _ROUNDING = 1.0 + 1e-9
 """Factor of all limits, for rounding."""
 
@@ -90,6 +96,8 @@ class Pair:
     """Our number under a supposition, the same for all numbers of a row; None if there is none."""
     bounds: Sequence[float] = ()
     """Ends of the range in which ours was searched; empty for a number that was not."""
+    scale: Scale = "linear"
+    """Scale of that range."""
     printed_bounds: Sequence[float] = ()
     """Ends of the range in which the thesis searched."""
 
@@ -185,12 +193,22 @@ def criterion_of(table: str, row: str) -> Entry:
     return next(matching, Entry(tables=(table,), rows=(row,)))
 
 
-def at_bound(value: float | None, bounds: Sequence[float]) -> bool:
-    """Whether a number lies at an end of its search's range, or beyond; never without a range."""
+def share_of_range(value: float, bounds: Sequence[float], scale: Scale = "linear") -> float:
+    """Return where a number lies in its search's range, from 0 to 1 on the scale of the search."""
+    ends = np.array([*bounds, value])
+    if scale == "log":
+        ends = np.log(np.maximum(ends, np.finfo(float).tiny))
+    lower, upper, place = ends.tolist()
+    return float((place - lower) / (upper - lower))
+
+
+def at_bound(value: float | None, bounds: Sequence[float], scale: Scale = "linear") -> bool:
+    """Whether a number lies at an end of its search's range; never without one, or outside it."""
     if value is None or not bounds:
         return False
-    lower, upper = bounds
-    return min(value - lower, upper - value) <= AT_BOUND * (upper - lower)
+    share = share_of_range(value, bounds, scale)
+    inside = min(share, 1.0 - share)
+    return 1.0 - _ROUNDING <= inside <= AT_BOUND
 
 
 def compare_numbers(pair: Pair, within: Sequence[float] = ()) -> Status:
@@ -205,8 +223,13 @@ def compare_numbers(pair: Pair, within: Sequence[float] = ()) -> Status:
     agrees = apart == 0.0
     if pair.rule == "spread":
         agrees = apart <= reach
-        if pair.bounds and 2.0 * reach > TOO_WIDE * (pair.bounds[1] - pair.bounds[0]):
-            return "not told apart"
+        if pair.bounds:
+            ends = (
+                share_of_range(x, pair.bounds, pair.scale) for x in (ours - reach, ours + reach)
+            )
+            least, most = np.clip(list(ends), 0.0, 1.0)
+            if most - least > TOO_WIDE:
+                return "not told apart"
     elif pair.rule == "ratio":
         agrees = apart <= RATIO_REACH * _ROUNDING
     elif pair.rule == "distance":
@@ -257,7 +280,7 @@ def _find_obstacle(pair: Pair, about: Sequence[Entry]) -> Verdict | None:
             text = "the thesis prints no number"
         elif pair.rule == "none" or pair.ours is None:
             text = "shown for the record"
-        elif at_bound(pair.ours, pair.bounds):
+        elif at_bound(pair.ours, pair.bounds, pair.scale):
             text = "ours lies at a bound of its search"
         elif at_bound(pair.published, pair.printed_bounds):
             text = "the printed number lies at a bound of its search"

@@ -150,6 +150,30 @@ def test_a_sound_robot_starts_at_any_heading(yaw: float, slide: str, tmp_path: P
     assert not findings_of(tmp_path, "xml", text)
 
 
+PAIRS = "".join(f'<pair geom1="t_{n}" geom2="floor" condim="3"/>' for n in CORNERS)
+BELT = '<equality><joint joint1="fl" joint2="rl"/><joint joint1="fr" joint2="rr"/></equality>'
+HARMLESS = {
+    "pairs alone": {"TYRE": 'contype="0" conaffinity="0"', "MORE": f"<contact>{PAIRS}</contact>"},
+    "belts": {"MORE": BELT},
+    "gears that make up for axes": {
+        '"fl" axis="0 1 0"': '"fl" axis="0 -1 0"',
+        'joint="fl" kv="150.0"': 'joint="fl" kv="150.0" gear="-1"',
+    },
+    "a little damping": {"JOINT": 'damping="0.5" frictionloss="0.2"'},
+    "the moon": {"OPTION": 'gravity="0 0 -1.6"'},
+    "air": {"OPTION": 'density="1.2" viscosity="1.8e-5"'},
+}
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+def test_what_takes_nothing_of_a_turn_is_no_finding(name: str, tmp_path: Path) -> None:
+    text = text_of("xml")
+    for old, new in HARMLESS[name].items():
+        assert old in text
+        text = text.replace(old, new)
+    assert not findings_of(tmp_path, "xml", text)
+
+
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_a_sound_robot_stands_on_any_ground(ground: str, tmp_path: Path) -> None:
     text = text_of("xml", ground=GROUNDS[ground])
@@ -182,6 +206,17 @@ DISEASES: Mapping[str, Disease] = {
         "free joint",
     ),
     "honey": ("xml", "OPTION", 'density="1000" viscosity="5"', "held", "liquid"),
+    "flags": ("xml", "MORE", '<option><flag contact="disable"/></option>', "load", "contype"),
+    "floating": ("xml", "MORE", '<option><flag gravity="disable"/></option>', "load", "gravcomp"),
+    "upward": ("xml", "OPTION", 'gravity="0 0 9.81"', "load", "gravcomp"),
+    "off": ("xml", "MORE", '<option><flag actuation="disable"/></option>', "motor_weak", "0 N m"),
+    "against each other": (
+        "xml",
+        "MORE",
+        '<equality><joint joint1="fl" joint2="rl" polycoef="0 -1 0 0 0"/></equality>',
+        "held",
+        "fl, rl",
+    ),
     "masks": ("xml", "GROUND", 'contype="2" conaffinity="2"', "load", "contype"),
     "excluded": (
         "xml",

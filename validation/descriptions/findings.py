@@ -15,7 +15,6 @@ from ssmr.robot.ground import FRONT, LEFT, turn_on_the_spot
 from ssmr.types import FloatArray
 from validation.descriptions.foreign_robot import ForeignRobot, is_impossible
 from validation.descriptions.influences import weigh_influences
-from validation.descriptions.wheels import named_end, named_side
 from validation.simulator.checking import (
     guessed_numbers,
     load_shares,
@@ -183,45 +182,6 @@ def _wheel_without_load(robot: Robot, _: Others) -> Finding | None:
         f"the {wheel} wheel carries nothing: the whole robot's centre of mass is {x:.3g} m "
         f"ahead and {y:.3g} m to the left of the middle; twice that as shares of wheelbase and "
         f"track must add up to less than 1, not {used:.2f}",
-    )
-
-
-def _axes(foreign: ForeignRobot) -> Finding | None:
-    signs = foreign.wheeled.signs
-    if np.all(signs == signs[0]):
-        return None
-    names = np.array(foreign.wheeled.names)
-    backward = ", ".join(names[signs < 0.0])
-    forward = ", ".join(names[signs > 0.0])
-    sides = "wheels"
-    if np.all(signs * LEFT == signs[0]):
-        left, right = ("-y", "+y") if signs[0] < 0.0 else ("+y", "-y")
-        sides = f"left wheels turn about {left} and right ones about {right}"
-    return Finding(
-        "axes",
-        "fault",
-        f"axes of the wheels have opposite signs ({sides}): a controller of a differential drive "
-        "then turns the robot when it is told to drive ahead",
-        f"give {backward} the axis of {forward}, 0 1 0 in the robot's frame",
-    )
-
-
-def _names(foreign: ForeignRobot) -> Finding | None:
-    wheeled = foreign.wheeled
-    wrong = []
-    for name, front, left in zip(wheeled.names, FRONT, LEFT, strict=True):
-        if named_side(name) * left < 0.0:
-            wrong.append(f"{name} stands on the {'left' if left > 0.0 else 'right'}")
-        elif named_end(name) * front < 0.0:
-            wrong.append(f"{name} stands {'in front' if front > 0.0 else 'behind'}")
-    if not wrong:
-        return None
-    return Finding(
-        "names",
-        "fault",
-        f"names of wheels say other places than they have: {', '.join(wrong)} "
-        "(x is ahead, y to the left): a controller that goes by the names turns the wrong way",
-        "exchange the names, or the signs of the places",
     )
 
 
@@ -503,8 +463,4 @@ _LOOKS: Sequence[Callable[[Robot, Others], Finding | None]] = (
     _guess,
     _controller,
 )
-_FOREIGN_LOOKS: Sequence[Callable[[ForeignRobot], Finding | None]] = (
-    _axes,
-    _names,
-    _wheel_shape,
-)
+_FOREIGN_LOOKS: Sequence[Callable[[ForeignRobot], Finding | None]] = (_wheel_shape,)

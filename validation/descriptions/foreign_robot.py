@@ -186,6 +186,7 @@ def _of_urdf(
     root = foreign.xml_tree(text)
     gazebo.require_plain_wheels(root)
     contacts = gazebo.contact_numbers(root)
+    falls = root.findtext("world/gravity", "1").strip("0. -") != ""
     kind = "urdf"
     if root.tag == "sdf":
         kind = "sdf"
@@ -201,7 +202,7 @@ def _of_urdf(
     foreign.mend_inertia(spec)
     for body in spec.bodies:
         link = contacts.get(body.name, {})
-        if link.get("weightless", 0.0) > 0.0 or link.get("gravity", 1.0) == 0.0:
+        if link.get("weightless", 0.0) > 0.0 or not link.get("gravity", falls):
             body.gravcomp = 1.0
     wheeled = WheeledRobot(spec.compile())
     surfaces = []
@@ -428,6 +429,8 @@ def _motor_numbers(model: mujoco.MjModel, joint: int) -> NumbersByName:
         most = abs(factor) * max(0.0, min(-float(limits[0]), float(limits[1])))
         numbers[key] = min(numbers.get(key, np.inf), most)
 
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
+        numbers["effort"] = 0.0
     if model.jnt_actfrclimited[joint]:
         keep_least("effort", model.jnt_actfrcrange[joint], 1.0)
     for a in _actuators(model, joint):

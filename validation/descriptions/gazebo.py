@@ -33,13 +33,14 @@ _CONTROLLER = {
     "torque": ("torque", 1.0),
     "wheelTorque": ("torque", 1.0),
     "max_wheel_torque": ("torque", 1.0),
+    "max_force": ("torque", 1.0),
 }
 """Names of a controller's numbers, with the names and the factors here."""
 _ENTRY = re.compile(r"(\w+)[\"']?\s*:\s*(?:!!\w+\s+)?[\"']?([-+.\deE]+)")
 _SIDE_ENTRY = re.compile(
     r"\b(left|right)_wheel(?:_names?)?[\"']?\s*:\s*(\[[^\]]*\]|(?:\s*-\s+\S+)+|[\"'\w/]+)"
 )
-_SIDE_TAG = re.compile(r"(left|right)\w*joint", re.IGNORECASE)
+_SIDE_TAG = re.compile(r"(left|right)\w*(?:joint|front|rear)", re.IGNORECASE)
 _SIDES = {"left": 1.0, "right": -1.0}
 _YAML_COMMENT = re.compile(r"#.*")
 NumbersByName = dict[str, float]
@@ -91,7 +92,9 @@ def plugin_numbers(root: ElementTree.Element) -> tuple[NumbersByName, dict[str, 
             joint.rpartition("::")[2]: _SIDES[found[1].lower()] for found, joint in driven if found
         }
         sides |= own
-        pairs += [(tag, word) for tag, word in words if own or "orque" not in tag]
+        pairs += [
+            (tag, word) for tag, word in words if own or _CONTROLLER.get(tag, ("",))[0] != "torque"
+        ]
     return _controller(pairs), sides
 
 

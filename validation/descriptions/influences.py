@@ -17,7 +17,7 @@ import numpy as np
 from ssmr.robot.ground import FRONT, LEFT, SkidTurn
 from ssmr.types import FloatArray
 from validation.descriptions.foreign_robot import ForeignRobot
-from validation.descriptions.wheels import named_side
+from validation.descriptions.wheels import named_end, named_side
 from validation.output import one_line
 from validation.simulator.checking import spot_turn, turning_torque
 from validation.simulator.description import GRAVITY, Robot
@@ -108,9 +108,13 @@ class _Stand:
     # ---------------------------------------------------------------- what is there
     def lost_load(self) -> float:
         """Return the load of a wheel from which gravity is taken away [N]."""
+        falls = self.model.opt.gravity[2] < 0.0
+        falls &= not self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
         bodies = self.foreign.wheeled.group(self.foreign.wheeled.root)
-        lifted = self.model.body_mass[bodies] @ self.model.body_gravcomp[bodies]
-        return self.load * float(lifted / self.model.body_mass[bodies].sum())
+        pulled = np.average(
+            1.0 - self.model.body_gravcomp[bodies], weights=self.model.body_mass[bodies]
+        )
+        return self.load * (1.0 - float(pulled * falls))
 
     def unevenness(self) -> float:
         """Return how far an axle is from the plane of the three others, over what gives way [1].
@@ -136,12 +140,12 @@ class _Stand:
         common = axes.mean(axis=0)
         return np.linalg.norm(np.cross(axes, common / np.linalg.norm(common)), axis=1)
 
-    def backward_motors(self) -> FloatArray:
-        """Return 1 for wheels that equal inputs turn against most of the others, else 0."""
-        ways = self.of_wheels("gear") * self.foreign.wheeled.signs
-        most = 1.0 if np.nansum(ways) >= 0.0 else -1.0
-        is_geared = not np.all(self.of_wheels("gear") == self.of_wheels("gear")[0])
-        return np.where(is_geared & (ways * most < 0.0), 1.0, 0.0)
+    def backward_wheels(self, by_gear: bool) -> FloatArray:
+        """Return 1 for wheels that equal inputs turn against the others, by gears or by axes."""
+        gears = np.nan_to_num(self.of_wheels("gear"), nan=1.0)
+        ways = gears * self.foreign.wheeled.signs
+        most = 1.0 if ways.sum() >= 0.0 else -1.0
+        return np.where(ways * most < 0.0, float((np.ptp(gears) > 0.0) == by_gear), 0.0)
 
     def ties_across(self) -> FloatArray:
         """Return 1 for wheels that an equality ties to one of the other side, or to the world."""
@@ -154,7 +158,9 @@ class _Stand:
             if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT:
                 # an angle that follows none is held
                 is_held = not model.eq_data[k, 1:5].any()
-                tied[is_end] = np.ptp(LEFT[is_end]) > 0.0 if is_end.sum() == 2 else is_held
+                ratio = self.foreign.wheeled.signs[is_end].prod() * model.eq_data[k, 1]
+                is_other = np.ptp(LEFT[is_end]) > 0.0 or abs(ratio - 1.0) > _EQUAL
+                tied[is_end] = is_other if is_end.sum() == 2 else is_held
             elif model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY:
                 tied[:] = max(tied[0], float(of_robot[ends].sum() == 1))
         return tied
@@ -201,15 +207,22 @@ class _Stand:
         sides = self.foreign.sides
         return np.array([sides.get(name, 0.0) for name in self.foreign.wheeled.names])
 
-    def named_motors(self) -> FloatArray:
-        """Return 1 for wheels whose motor is named after one of the other side, else 0."""
+    def motor_names(self) -> list[str]:
+        """Return the names of the wheels' motors; empty for none."""
         model = self.model
-        wrong = np.zeros(4)
-        for a in range(model.nu):
-            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
-                is_its = np.array(self.joints) == model.actuator_trnid[a, 0]
-                wrong[is_its & (named_side(model.actuator(a).name) * LEFT < 0.0)] = 1.0
-        return wrong
+        names = [""] * 4
+        for a in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).tolist():
+            joint = int(model.actuator_trnid[a, 0])
+            if joint in self.joints:
+                names[self.joints.index(joint)] = model.actuator(a).name
+        return names
+
+
+def _misleading(names: Sequence[str]) -> FloatArray:
+    """Return 1 for names that say another side or end than that of their wheel, else 0."""
+    sides = np.array([named_side(name) for name in names])
+    ends = np.array([named_end(name) for name in names])
+    return np.where((sides * LEFT < 0.0) | (ends * FRONT < 0.0), 1.0, 0.0)
 
 
 class _Influence(NamedTuple):
@@ -250,7 +263,8 @@ _INFLUENCES: Sequence[_Influence] = (
         "",
         "<equality>",
         _Stand.ties_across,
-        "an {written} ties {wheels} to the other side or to the world, so that it cannot turn",
+        "an {written} ties {wheels} to the other side, to other rates or to the world: they cannot "
+        "turn as told",
     ),
     _Influence(
         "load",
@@ -397,6 +411,15 @@ _INFLUENCES: Sequence[_Influence] = (
         "axes",
         "axes of the wheels",
         "axes of the wheels",
+        lambda stand: stand.backward_wheels(by_gear=False),
+        "{written} have opposite signs: {wheels} turn backward when all are told to turn ahead, so "
+        "that a controller of a differential drive turns the robot when it is told to drive; give "
+        "them the axis of the others",
+    ),
+    _Influence(
+        "axes",
+        "axes of the wheels",
+        "axes of the wheels",
         _Stand.toe,
         "{written} are not parallel: {wheels} stand at {effect:.2g} rad to the others, and scrub",
         over="slip",
@@ -474,7 +497,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "axes",
         "",
         "gear",
-        _Stand.backward_motors,
+        lambda stand: stand.backward_wheels(by_gear=True),
         "{written} has another sign at {wheels}: equal inputs turn it backward",
         is_fault=False,
     ),
@@ -490,8 +513,17 @@ _INFLUENCES: Sequence[_Influence] = (
         "names",
         "",
         "names of motors",
-        _Stand.named_motors,
-        "{written} say the other side than that of {wheels}, which they drive: it turns wrongly",
+        lambda stand: _misleading(stand.motor_names()),
+        "{written} say another side or end than that of {wheels}, which they drive: it turns the "
+        "wrong way",
+    ),
+    _Influence(
+        "names",
+        "names of wheels",
+        "names of wheels",
+        lambda stand: _misleading(stand.foreign.wheeled.names),
+        "{written} say other places than they have: {wheels} stand on another side or end (x is "
+        "ahead, y to the left), so that a controller that goes by the names turns the wrong way",
     ),
     _Influence(
         "controller",

@@ -333,6 +333,8 @@ class WheeledRobot:
     def can_touch(self, one: int, other: int) -> bool:
         """Return whether two shapes of a model may touch: a pair, or masks and no exclusion."""
         model = self.model
+        if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+            return False
         geoms = {one, other}
         pairs = zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True)
         if any(geoms == {*pair} for pair in pairs):
@@ -365,7 +367,9 @@ class WheeledRobot:
         """Return the shape of a wheel that reaches farthest from its axle; None without any."""
         model = self.model
         is_on_wheel = np.isin(model.geom_bodyid, self.group(int(model.jnt_bodyid[joint])))
-        touching = is_on_wheel & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+        touches = (model.geom_contype | model.geom_conaffinity) != 0
+        touches[np.append(model.pair_geom1, model.pair_geom2)] = True
+        touching = is_on_wheel & touches
         drums = [self._drum_of(geom, joint) for geom in np.flatnonzero(touching).tolist()]
         return max(drums, key=lambda drum: drum.radius, default=None)
 

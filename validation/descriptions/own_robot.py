@@ -365,24 +365,40 @@ class OwnRobot:
         x, y, _ = site.xpos.tolist()
         return x, y, math.atan2(site.xmat[3], site.xmat[0])
 
-    def saturated(self, motion: Trajectory) -> float:
-        """Return the greatest share of a motion's time in which a servo's force is at its limit."""
+    @property
+    def stiffnesses(self) -> FloatArray:
+        """(4,) torque by which the servos of each wheel answer a rate that it lacks [N m s/rad]."""
+        moments = self._moments(self.model)
+        gains = self.model.actuator_gainprm[:, :1] * self._gains
+        return np.asarray((np.abs(gains * moments)).sum(axis=0))
+
+    @property
+    def most_torques(self) -> FloatArray:
+        """(4,) greatest torque of each wheel's motors and joint [N m]; infinite without a limit."""
         model = self.model
-        limits = np.where(
-            model.actuator_forcelimited, np.abs(model.actuator_forcerange).max(axis=1), np.inf
-        )
+        limits = np.abs(model.actuator_forcerange).max(axis=1)
+        limits = np.where(model.actuator_forcelimited, limits, np.inf)
+        moments = np.abs(self._moments(model))
+        of_motors = np.where(moments > 0.0, moments * limits[:, None], 0.0).sum(axis=0)
         joints = [model.joint(name).id for name in self.names]
-        ranges = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
-        most = np.where(model.jnt_actfrclimited[joints], ranges, np.inf)
-        moments = self._moments(model)
-        of_joints = np.full(moments.shape, np.inf)
-        np.divide(most, np.abs(moments), out=of_joints, where=moments != 0.0)
-        limits = np.minimum(limits, of_joints.min(axis=1, initial=np.inf))
-        rates = motion.channels["wheel_rad_s"] * self.signs
-        forces = model.actuator_gainprm[:, 0] * motion.channels["inputs"]
-        forces = forces + model.actuator_biasprm[:, 2] * (rates @ moments.T)
-        at_limit = (np.abs(forces) > 0.999 * limits).mean(axis=0)
-        return float(at_limit[self._gains.any(axis=1)].max(initial=0.0))
+        of_joints = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
+        return np.minimum(of_motors, np.where(model.jnt_actfrclimited[joints], of_joints, np.inf))
+
+    def other_contacts(self) -> str:
+        """Return the names of shapes that touch at rest, beside tyres on the ground."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_setState(self.model, data, self.rest, _STATE)
+        mujoco.mj_forward(self.model, data)
+        tyres = {self.model.geom(self.wheeled.model.geom(t.geom).name).id for t in self._shapes}
+        names = set[str]()
+        for contact in data.contact:
+            both = {int(geom) for geom in contact.geom}
+            if both & tyres and self.model.geom(self.ground).id in both:
+                continue
+            of_robot = self.model.body_rootid[self.model.geom_bodyid[sorted(both)]]
+            if self.model.body(self.root_name).id in of_robot:
+                names |= {one_line(self.model.geom(geom).name) for geom in both - tyres}
+        return ", ".join(sorted(names - {self.ground}))
 
 
 def _say_nothing(message: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
+from ssmr.robot.ground import FRONT, LEFT, SkidTurn, resting_shares, turn_on_the_spot
 from ssmr.types import FloatArray
 from validation.simulator.description import GRAVITY, Robot, Vector3
 
@@ -41,10 +41,7 @@ def load_shares(robot: Robot) -> FloatArray:
     wheel's opposite.
     """
     x, y, _ = whole_com(robot)
-    ahead = x * FRONT / (0.5 * robot.wheelbase)
-    aside = y * LEFT / (0.5 * robot.track)
-    shares: FloatArray = 0.25 * (1.0 + ahead + aside)
-    return shares
+    return resting_shares(robot.wheelbase, robot.track, x, y)
 
 
 def spot_turn(robot: Robot) -> SkidTurn | None:

@@ -21,11 +21,11 @@ from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import CommandKind, Commands, FloatArray, State
 from validation import cli, load_robot
 from validation.descriptions import sdf
+from validation.descriptions.balance import examine, mechanical_turn
 from validation.descriptions.findings import static_findings
 from validation.descriptions.foreign_robot import read_foreign
 from validation.descriptions.importing import import_robot
 from validation.descriptions.own_robot import OwnRobot
-from validation.descriptions.trials import examine, mechanical_turn
 from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.experiment.sources import RECORDING_GRID, commands_on_grid, driver_warnings

@@ -22,6 +22,7 @@ import tyro
 from ssmr.errors import SsmrError
 from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, output
+from validation.descriptions.balance import TURN
 from validation.descriptions.examination import Examined, examine_foreign, examine_model
 from validation.descriptions.findings import Finding, static_findings
 from validation.descriptions.foreign_robot import is_description
@@ -67,6 +68,7 @@ ExportFormat = Literal["urdf", "sdf", "mjcf", "diff-drive"]
 """Formats of `export`."""
 _MOST_FINDINGS = 5
 """Number of findings that are printed; all are in robot.json."""
+_BALANCE_CAPTION = "off: what is there less what mechanics says, as a share of what it is of"
 _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_half_track"}
 """Numbers of the drive that are shown even where the file does not say them."""
 
@@ -154,7 +156,17 @@ class RobotCheck(Report):
 
     def tables(self) -> list[Table]:
         """Return all numbers with their sources."""
-        return [_numbers_table(self.robot)]
+        tables = [_numbers_table(self.robot)]
+        if rows := self.examined.numbers.get("balance"):
+            shown = []
+            for row in rows:
+                numbers = {"off": f"{100.0 * row['share']:.1f} %", "who eats it": row["cause"]}
+                found = f"{row['found']:.4g}"
+                expected = f"{row['expected']:.4g} {row['unit']}".rstrip()
+                shown.append({"row": row["row"], "there": found, "by mechanics": expected})
+                shown[-1] |= numbers
+            tables.append(Table("Balance", shown, _BALANCE_CAPTION))
+        return tables
 
     def notes(self) -> list[str]:
         """Return the verdict, faults and questions."""
@@ -170,7 +182,7 @@ class RobotCheck(Report):
         if len(self.findings) > _MOST_FINDINGS:
             notes.append(f"and {len(self.findings) - _MOST_FINDINGS} more, in robot.json")
         notes += [*sentences[1:], *self.remarks]
-        if self.remarks and self.spot is not None and not self._is_off():
+        if self.remarks and self.spot is not None and not self._is_off() and self._turns():
             notes.append(
                 "last of all: a diff_drive_controller turns it as told with wheel_separation "
                 f"{self.robot.track:.4g} and wheel_separation_multiplier "
@@ -181,6 +193,11 @@ class RobotCheck(Report):
     def _is_off(self) -> bool:
         """Return whether the weight is off the middle, which no multiplier mends."""
         return any(finding.kind == "weight_off" for finding in self.findings)
+
+    def _turns(self) -> bool:
+        """Return whether no drive contradicts the turn by mechanics."""
+        rows = self.examined.numbers.get("balance", [])
+        return all(abs(row["share"]) < 0.03 for row in rows if row["row"] == TURN)
 
     def document(self) -> Document:
         """Return the contents of robot.json."""

@@ -1,67 +1,216 @@
-"""Findings on a robot of others by its own physics, with changes that were tried."""
+"""Causes of what a balance leaves over: changes compete, and each is driven before it is named."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from ssmr.errors import SsmrError
+from validation.descriptions.balance import ROLLING, Row, examine, weigh_robot
 from validation.descriptions.findings import Finding
 from validation.descriptions.influences import STOPPING
-from validation.descriptions.ladder import CURES, exceeds, pairs_of, together
-from validation.descriptions.mjcf_text import Edits, MjcfText
-from validation.descriptions.own_robot import LOADS, Measures, OwnRobot
+from validation.descriptions.mjcf_text import Edits, MjcfText, Part
+from validation.descriptions.own_robot import OwnRobot
+from validation.descriptions.remedies import OPTION, REMEDIES, Remedy
 
-_HARD = 0.05
-"""Difference of two impedances or time constants that are not one [1]."""
-
-
-def own_findings(
-    robot: OwnRobot,
-    changes: Mapping[str, Edits],
-    after: Measures,
-    text: MjcfText | None,
-    known: Sequence[Finding] = (),
-) -> list[Finding]:
-    """Return what is wrong with a robot of others by its own physics, faults first.
-
-    Args:
-        robot: the robot after its trials.
-        changes: the changes that help, by name.
-        after: what the trials say with all of these together.
-        text: its file, in which they stand; None where nothing can be changed.
-        known: what is wrong by numbers alone; it is returned where a change was kept for it.
-    """
-    cured = set().union(*[CURES[name] for name in changes])
-    looks = _LOOKS
-    if not any(finding.severity == "fault" and finding.kind in STOPPING for finding in known):
-        looks = (*_LOOKS, *_SYMPTOMS)
-    looked = [look(robot) for look in looks]
-    found = [finding for finding in known if finding.kind in cured]
-    found += [finding for finding in looked if finding is not None]
-    tried = []
-    for finding in found:
-        show = _SHOWN.get(finding.kind, _ratio)
-        before = show(robot.measures)
-        if finding.kind == "step" and robot.rescued:
-            before = "it diverges"
-        finding = finding._replace(before=before)
-        kept = [edits for name, edits in changes.items() if finding.kind in CURES[name]]
-        if kept and text is not None:
-            change = _in_lines(together(kept), text)
-            finding = finding._replace(change=change, after=show(after))
-        tried.append(finding)
-    return sorted(tried, key=lambda finding: finding.severity)
+_GAIN = 0.9
+"""Residual over what it was before, from which a change helps [1]."""
+_ROUNDS = 2
+"""Times that it is looked for changes that are not needed."""
+_HALVINGS = 4
+"""Greatest number of times that the step is halved until the simulation runs."""
+_OF_FILE = ("unlike_wheels", "wheel_shape", "axes", "friction_by_heading", "which_friction")
+"""Kinds of what is wrong by the file alone: mended whatever drives say, if that harms none."""
+_EXPLAINING = (*STOPPING, *_OF_FILE, "weight_off", "hull")
+"""Kinds that a file alone shows and that leave residuals in a balance."""
+Balance = Mapping[str, Row]
 
 
-def _in_lines(edits: Edits, text: MjcfText) -> str:
-    """Return edits as lines of the file and what to write there."""
+def excess_of(balance: Balance, row: str) -> float:
+    """Return the residual of a row over its limit; infinite where it could not be driven."""
+    return min(balance[row].excess, 1e6) if row in balance else 1e6
+
+
+def _gains(before: Balance, after: Balance) -> dict[str, float]:
+    """Return by how much rows that are off come closer, in their limits; negative for a harm."""
+    gains = {}
+    for row in {**before, **after}:
+        was = excess_of(before, row)
+        now = excess_of(after, row)
+        if max(was, now) > 1.0 and min(was, now) < _GAIN * max(was, now):
+            gains[row] = was - now
+    return gains
+
+
+class Competition:
+    """Changes of a model, of which those are left without which a row is off that else is not."""
+
+    def __init__(
+        self, robot: OwnRobot, text: MjcfText | None, files: Mapping[str, bytes], known: set[str]
+    ) -> None:
+        """Drive the robot, and the changes if a row is off.
+
+        Args:
+            robot: the model as it is.
+            text: its file; None where nothing can be changed.
+            files: the files that this names.
+            known: kinds of faults by the file alone.
+
+        Raises:
+            SsmrError: its simulation fails whatever is changed.
+        """
+        self.files = files
+        self.text = text
+        self.kept = list[Remedy]()
+        self.eaters = dict[str, tuple[float, str]]()
+        examine(robot)
+        self.robot = robot
+        self.before = weigh_robot(robot)
+        self.after = self.before
+        if text is None:
+            return
+        self._rescue(text)
+        is_off = any(row.excess > 1.0 for row in self.before.values())
+        if is_off or known.intersection(_OF_FILE):
+            self._compete(text, known)
+
+    def _rescue(self, text: MjcfText) -> None:
+        """Take the integrator and the step with which its simulation runs, if it does not."""
+        step = self.robot.timestep
+        cause = f"the simulation diverges with its step of {1e3 * step:g} ms"
+        for halvings in range(_HALVINGS + 1):
+            if self.robot.measures["diverged"] == 0.0:
+                break
+            values = {"integrator": "implicitfast"}
+            if halvings > 0:
+                values["timestep"] = f"{step / 2**halvings:g}"
+            rescue = ("step", cause, {OPTION: values})
+            mended = OwnRobot(text.edited(rescue[2]), self.files)
+            if examine(mended)["diverged"] == 0.0:
+                self.robot = mended
+                self.kept = [rescue]
+        if self.kept:
+            # what it did before it diverged is nothing to be compared
+            row = next(iter(self.before.values()))
+            self.before = {**weigh_robot(self.robot), row.row: row}
+            self.after = weigh_robot(self.robot)
+
+    def _tried(self, remedies: Iterable[Remedy]) -> Balance:
+        """Return the balance with some changes; empty where the simulator fails."""
+        assert self.text is not None
+        try:
+            robot = OwnRobot(self.text.edited(together(remedies)), self.files)
+            examine(robot)
+        except (ValueError, SsmrError):
+            return {}
+        return weigh_robot(robot)
+
+    def _compete(self, text: MjcfText, known: set[str]) -> None:
+        """Make all changes, and take away again each that is not needed."""
+        kept = list(self.kept)
+        rescues = len(kept)
+        for make in REMEDIES:
+            remedy = make(self.robot, text)
+            if remedy[2]:
+                kept.append(remedy)
+        after: Balance = self._tried(kept)
+        for _ in range(_ROUNDS):
+            for remedy in kept[:rescues:-1] + kept[rescues : rescues + 1]:
+                fewer = [other for other in kept if other is not remedy]
+                without = self._tried(fewer)
+                gains = _gains(without, after)
+                helps = max(gains.values(), default=0.0) > 0.0 or remedy[0] in known
+                if helps and min(gains.values(), default=0.0) >= 0.0:
+                    continue
+                if sum(gains.values()) <= 0.0 or min(gains.values(), default=0.0) >= 0.0:
+                    kept = fewer
+                    after = without
+        self.kept = kept
+        self.after = after
+
+    # ------------------------------------------------------------------------- findings
+    def findings(self, known: Sequence[Finding]) -> list[Finding]:
+        """Return each change that is left as a finding with its row, and what nothing explains."""
+        found = list[Finding]()
+        with_row = [(remedy, self._own_row(remedy)) for remedy in self.kept]
+        final = together(self.kept)
+        # what only keeps another change from doing harm is written with that one
+        added = [remedy for remedy, row in with_row if not row]
+        for remedy, row in with_row:
+            if row and self.text is not None:
+                changes = together([remedy, *added])
+                added = []
+                lines = _in_lines(final, changes, self.text)
+                found.append(_judged(remedy[0], remedy[1], self.before[row], self.after, lines))
+        explained = {f.kind for f in known if f.severity == "fault"}.intersection(_EXPLAINING)
+        for row, weighed in self.before.items():
+            is_left = excess_of(self.after, row) > 1.0 and not explained
+            if is_left or (row.startswith(ROLLING) and weighed.excess > 1.0):
+                cause = f"{row} {weighed.words}"
+                cause += f" ({weighed.cause})" if weighed.cause else ""
+                found.append(_judged("unexplained", cause, weighed, self.after))
+        return found
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the balance as robot.json has it, once its findings are known."""
+        rows = []
+        for name, row in self.before.items():
+            values = row._asdict() | {"share": row.share}
+            if row.excess > 1.0 and name in self.eaters:
+                values["cause"] = self.eaters[name][1]
+            keys = ("row", "found", "expected", "unit", "share", "cause")
+            rows.append({key: values[key] for key in keys})
+        return rows
+
+    def _own_row(self, remedy: Remedy) -> str:
+        """Return the row that gains most by a change beside the others; empty where none does."""
+        first = next(iter(self.before))
+        if remedy[0] == "step" and self.before[first].excess > 1.0:
+            return first
+        without = self._tried(other for other in self.kept if other is not remedy)
+        gains = {row: gain for row, gain in _gains(without, self.after).items() if gain > 0.0}
+        if not gains and len(self.kept) == 1:
+            return first
+        for row, gain in gains.items():
+            self.eaters[row] = max(self.eaters.get(row, (0.0, "")), (gain, remedy[1]))
+        closer = _gains(self.before, self.after)
+        rows = [row for row in gains if closer.get(row, 0.0) > 0.0 and row in self.before]
+        return max(rows, key=lambda row: min(gains[row], closer[row]), default="")
+
+
+def _judged(kind: str, cause: str, row: Row, after: Balance, lines: str | None = None) -> Finding:
+    """Return a finding with the numbers of its row before and after the changes."""
+    is_rolling = row.row.startswith(ROLLING)
+    if is_rolling and kind == "unexplained":
+        kind = "rolls"
+        cause += ": wheels turn at rest, for a servo of rates holds a rate and no place"
+    later = after[row.row].words if row.row in after else "it does not run"
+    return Finding(
+        kind,
+        "question" if is_rolling else "fault",
+        cause,
+        lines,
+        f"{row.row} {row.words}",
+        later,
+    )
+
+
+def together(remedies: Iterable[Remedy]) -> Edits:
+    """Return the edits of several changes; of one attribute the last one counts."""
+    edits = dict[Part, Mapping[str, str]]()
+    for _, _, change in remedies:
+        for part, values in change.items():
+            edits[part] = {**edits.get(part, {}), **values}
+    return edits
+
+
+def _in_lines(final: Edits, edits: Edits, text: MjcfText) -> str:
+    """Return edits as lines of the file and what to write there, with their final values."""
     lines = dict[str, set[int]]()
     for part, values in edits.items():
-        words = [f'{attribute}="{value}"' for attribute, value in values.items()]
+        words = [f'{attribute}="{final[part][attribute]}"' for attribute in values]
         wanted = f"<{text.tag(part)} {' '.join(words)}>"
         lines.setdefault(wanted, set()).add(text.line(part))
     parts = []
@@ -70,195 +219,17 @@ def _in_lines(edits: Edits, text: MjcfText) -> str:
     return "; ".join(parts)
 
 
-# ------------------------------------------------------------------------- what is shown
-def _ratio(measures: Measures) -> str:
-    if "multiplier" not in measures:
-        return "it does not turn"
-    low = measures.get("multiplier_min", measures["multiplier"])
-    high = measures.get("multiplier_max", measures["multiplier"])
-    text = f"turning ratio {measures['multiplier']:.2f}"
-    return text if high - low < 0.02 else f"{text}, {low:.2f} to {high:.2f} over heading"
-
-
-def _hops(measures: Measures) -> str:
-    lifted = 100.0 * measures.get("lifted_share", 0.0)
-    return f"{_ratio(measures)}, a wheel off the ground {lifted:.0f} %"
-
-
-def _reached(measures: Measures) -> str:
-    slow = 100.0 * (1.0 - measures.get("droop", 1.0))
-    faster = 100.0 * (1.0 - measures.get("droop_at_speed", 1.0))
-    return f"wheels reach {slow:.0f} % of a slow turn's rate, {faster:.0f} % of a faster one's"
-
-
-def _speed(name: str, measures: Measures) -> str:
-    return f"{1e3 * measures.get(name, math.nan):.2g} mm/s"
-
-
-def _steps(measures: Measures) -> str:
-    if measures["diverged"] > 0.0 or "step_halved_m" not in measures:
-        return "it diverges"
-    return f"half the step moves the end of a curve by {1e3 * measures['step_halved_m']:.0f} mm"
-
-
-def _loads(measures: Measures) -> str:
-    loads = [measures.get(name, math.nan) for name in LOADS]
-    return f"wheels carry {', '.join(f'{load:.0f}' for load in loads)} N"
-
-
-_SHOWN: dict[str, Callable[[Measures], str]] = {
-    "hopping": _hops,
-    "soft_on_one_geom": _hops,
-    "servo_soft": _reached,
-    "motor_weak": _reached,
-    "creep": partial(_speed, "creep_m_s"),
-    "rolls": partial(_speed, "rolls_m_s"),
-    "step": _steps,
-    "unlike_wheels": _loads,
-}
-
-
-# ------------------------------------------------------------------------- looks
-def _step(robot: OwnRobot) -> Finding | None:
-    step = 1e3 * robot.timestep
-    if robot.rescued or robot.measures["diverged"] > 0.0:
-        return Finding(
-            "step",
-            "fault",
-            f"the simulation diverges with its step of {step:g} ms: servos or contacts are too "
-            "stiff for it",
-            "halve timestep until it does not, or set integrator to implicitfast",
-        )
-    if exceeds(robot, "lifted_share") or not exceeds(robot, "step"):
-        return None
-    return Finding(
-        "step", "fault", f"the motion depends on the step of {step:g} ms", "halve timestep"
-    )
-
-
-def _pyramid(robot: OwnRobot) -> Finding | None:
-    if robot.model.opt.cone == 1:
-        return None
-    return Finding(
-        "pyramid",
-        "fault",
-        "friction is bounded by a pyramid along the world's axes, so the robot turns faster at "
-        "some headings than at others, and drifts",
-        'set cone="elliptic"',
-    )
-
-
-def _hopping(robot: OwnRobot) -> Finding | None:
-    if not exceeds(robot, "lifted_share"):
-        return None
-    share = 100.0 * robot.measures["lifted_share"]
-    return Finding(
-        "hopping",
-        "fault",
-        f"wheels hop in a turn: one is off the ground {share:.0f} % of the time, because the "
-        "contact is hard",
-        "make the contact soft on tyres and ground, or on the tyres with a higher priority",
-    )
-
-
-def _bare_tyres(robot: OwnRobot) -> list[Any]:
-    """Return the shapes of tyres whose contact no pair says."""
-    geoms = [drum.geom for drum in filter(None, robot.tyres)]
-    return [robot.wheeled.model.geom(geom) for geom in geoms if not pairs_of(robot, geom)]
-
-
-def _soft_on_one(robot: OwnRobot) -> Finding | None:
-    ground = robot.model.geom(robot.ground)
-    for tyre in _bare_tyres(robot):
-        if int(tyre.priority[0]) != int(ground.priority[0]):
-            continue
-        impedance = float(abs(tyre.solimp[0] - ground.solimp[0]))
-        times = np.abs([tyre.solref[0], ground.solref[0]])
-        if impedance > _HARD or float(np.ptp(times)) > _HARD * float(times.max()):
-            return Finding(
-                "soft_on_one_geom",
-                "fault" if exceeds(robot, "lifted_share") else "question",
-                f"the tyres' solimp starts at {tyre.solimp[0]:g} and the ground's at "
-                f"{ground.solimp[0]:g}, and MuJoCo takes the mean of both geoms",
-                "give the ground the same solimp and solref, or the tyres a higher priority",
-            )
-    return None
-
-
-def _driven(robot: OwnRobot) -> Finding | None:
+def ask_driven(robot: OwnRobot) -> list[Finding]:
+    """Return a question where wheels have no servo although others have."""
     if robot.driven.all():
-        return None
+        return []
     still = ", ".join(np.array(robot.names)[~robot.driven])
-    return Finding(
-        "driven",
-        "question",
-        f"no servo drives the wheels {still}: they roll along, and closed forms and models here "
-        "have four driven wheels",
-        "give each wheel a servo, or tie the wheels of a side",
-    )
-
-
-def _servo_soft(robot: OwnRobot) -> Finding | None:
-    is_soft = exceeds(robot, "droop") or exceeds(robot, "droop_at_speed")
-    if robot.given_rates or not is_soft or exceeds(robot, "saturated"):
-        return None
-    gains = [-float(robot.model.actuator(name).biasprm[2]) for name in robot.servos]
-    return Finding(
-        "servo_soft",
-        "fault",
-        f"the wheels' servos are too soft (kv is {min(gains):g}): they give way to the ground, "
-        "which is no skidding, and no multiplier mends it at all speeds",
-        "raise kv, with an armature that lets it be stiff",
-    )
-
-
-def _motor_weak(robot: OwnRobot) -> Finding | None:
-    is_slow = exceeds(robot, "droop") or "multiplier" not in robot.measures
-    if not exceeds(robot, "saturated") or not is_slow:
-        return None
-    share = 100.0 * robot.measures["saturated"]
-    return Finding(
-        "motor_weak",
-        "fault",
-        f"the motors are at their limit of force {share:.0f} % of the time in a turn on the spot",
-        "raise forcerange, or lower the friction",
-    )
-
-
-def _creep(robot: OwnRobot) -> Finding | None:
-    if not exceeds(robot, "creep"):
-        return None
-    return Finding(
-        "creep",
-        "fault",
-        "at rest it slides down a slope of 8° though its wheels stand: the contact lets it slide",
-        'raise impratio, with cone="elliptic"',
-    )
-
-
-def _rolls(robot: OwnRobot) -> Finding | None:
-    if robot.given_rates or not exceeds(robot, "rolls"):
-        return None
-    return Finding(
-        "rolls",
-        "question",
-        "at rest it rolls down a slope of 8°: its wheels turn, for a servo of rates holds a rate "
-        "and not a place",
-        "raise kv, or give the joints a frictionloss; impratio does not help",
-    )
-
-
-_LOOKS: Sequence[Callable[[OwnRobot], Finding | None]] = (
-    _step,
-    _pyramid,
-    _soft_on_one,
-    _driven,
-)
-_SYMPTOMS: Sequence[Callable[[OwnRobot], Finding | None]] = (
-    _hopping,
-    _servo_soft,
-    _motor_weak,
-    _creep,
-    _rolls,
-)
-"""What a robot also does that something in its file holds or lifts: then that is the cause."""
+    return [
+        Finding(
+            "driven",
+            "question",
+            f"no servo drives the wheels {still}: they roll along, and closed forms here have "
+            "four driven wheels",
+            "give each wheel a servo, or tie the wheels of a side",
+        )
+    ]

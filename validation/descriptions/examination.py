@@ -15,13 +15,12 @@ import numpy as np
 
 from ssmr.errors import DivergedError
 from ssmr.types import Commands, State
+from validation.descriptions.balance import in_words
+from validation.descriptions.causes import Competition, ask_driven, together
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
-from validation.descriptions.ladder import climb, together
-from validation.descriptions.mjcf_text import Edits, MjcfText
-from validation.descriptions.own_findings import own_findings
+from validation.descriptions.mjcf_text import MjcfText
 from validation.descriptions.own_robot import LOADS, OwnRobot
-from validation.descriptions.trials import examine, in_words
 from validation.output import Document, one_line
 from validation.simulator.calibration import Calibration
 from validation.simulator.checking import spot_turn
@@ -90,23 +89,24 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
     except ValueError as error:
         notes.append(f"no change was tried: {error}")
     robot = OwnRobot(foreign.text if text is None else text.edited({}), foreign.files)
-    after = before = examine(robot)
-    changes = dict[str, Edits]()
-    if text is not None:
-        robot, changes, after = climb(robot, text, foreign.files)
-        before = robot.measures
+    faults = {finding.kind for finding in known if finding.severity == "fault"}
+    competition = Competition(robot, text, foreign.files, faults)
+    robot = competition.robot
     notes = [*robot.notes, *notes]
     if robot.given_rates:
         notes.append(
             "it has no servos that hold wheel rates on both sides: here its wheels turn at given "
             "rates, whatever torque that takes"
         )
+    measures = robot.measures
+    kept = competition.kept
+    findings = [*competition.findings(known), *ask_driven(robot)]
     return Examined(
-        sentences=[in_words(before), *notes],
-        findings=own_findings(robot, changes, after, text, known),
-        numbers=own_physics(before),
-        loads=[before[load] for load in LOADS if load in before],
-        mended=text.edited(together(changes.values())) if text and changes else None,
+        sentences=[in_words(measures), *notes],
+        findings=findings,
+        numbers=own_physics(measures) | {"balance": competition.rows()},
+        loads=[measures[load] for load in LOADS if load in measures],
+        mended=text.edited(together(kept)) if text and kept else None,
     )
 
 

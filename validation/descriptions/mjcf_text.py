@@ -22,7 +22,7 @@ class MjcfText:
     """A text whose parts are known by the names that they have in the model.
 
     Parts without a name have one by `foreign.complete`. Kinds are `option`, `geom`, `joint`,
-    `actuator` and `pair` (by its number).
+    `body`, `actuator`, `flag`, `pair` and `equality` (these two by their numbers).
     """
 
     def __init__(self, text: str, files: Mapping[str, bytes]) -> None:
@@ -46,13 +46,17 @@ class MjcfText:
         root = tags[0].element
         for option in root.findall("option"):
             self._parts["option", ""] = self._tags[id(option)]
+            for flag in option.findall("flag"):
+                self._parts["flag", ""] = self._tags[id(flag)]
         bodies = [child for world in root.findall("worldbody") for child in _flat(world)]
         self._walk(spec.worldbody, bodies)
         acting = [part for section in root.findall("actuator") for part in section]
         self._pair_up("actuator", spec.actuators, acting)
         pairs = [pair for section in root.findall("contact") for pair in section.findall("pair")]
-        for number, pair in enumerate(pairs):
-            self._parts["pair", str(number)] = self._tags[id(pair)]
+        ties = [tie for section in root.findall("equality") for tie in section]
+        for kind, elements in (("pair", pairs), ("equality", ties)):
+            for number, element in enumerate(elements):
+                self._parts[kind, str(number)] = self._tags[id(element)]
 
     def _pair_up(self, kind: str, parts: Any, elements: list[ElementTree.Element]) -> None:
         """Note which elements the parts of a model are."""
@@ -74,6 +78,7 @@ class MjcfText:
         if len(children) != len(list(body.bodies)):
             raise ValueError("its bodies are not all written one by one")
         for child, element in zip(body.bodies, children, strict=True):
+            self._parts["body", child.name] = self._tags[id(element)]
             self._walk(child, list(_flat(element)))
 
     def __contains__(self, part: Part) -> bool:

@@ -13,6 +13,7 @@ from mujoco import mjtDyn, mjtGeom, mjtJoint, mjtObj, mjtSensor
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.types import FloatArray, Trajectory
 from validation.descriptions.wheels import WheeledRobot
+from validation.output import one_line
 from validation.simulator import foreign
 from validation.simulator.motors import GIVEN_SHARE, GIVEN_STEPS, lead_rates
 from validation.simulator.parts import mujoco_failures, rolled_out
@@ -379,26 +380,29 @@ class OwnRobot:
         limits = np.abs(model.actuator_forcerange).max(axis=1)
         limits = np.where(model.actuator_forcelimited, limits, np.inf)
         moments = np.abs(self._moments(model))
-        of_motors = np.where(moments > 0.0, moments * limits[:, None], 0.0).sum(axis=0)
+        of_motors = np.zeros(moments.shape)
+        np.multiply(moments, limits[:, None], out=of_motors, where=moments > 0.0)
         joints = [model.joint(name).id for name in self.names]
         of_joints = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
-        return np.minimum(of_motors, np.where(model.jnt_actfrclimited[joints], of_joints, np.inf))
+        of_joints = np.where(model.jnt_actfrclimited[joints], of_joints, np.inf)
+        return np.minimum(of_motors.sum(axis=0), of_joints)
 
     def other_contacts(self) -> str:
-        """Return the names of shapes that touch at rest, beside tyres on the ground."""
-        data = mujoco.MjData(self.model)
-        mujoco.mj_setState(self.model, data, self.rest, _STATE)
-        mujoco.mj_forward(self.model, data)
-        tyres = {self.model.geom(self.wheeled.model.geom(t.geom).name).id for t in self._shapes}
-        names = set[str]()
-        for contact in data.contact:
-            both = {int(geom) for geom in contact.geom}
-            if both & tyres and self.model.geom(self.ground).id in both:
-                continue
-            of_robot = self.model.body_rootid[self.model.geom_bodyid[sorted(both)]]
-            if self.model.body(self.root_name).id in of_robot:
-                names |= {one_line(self.model.geom(geom).name) for geom in both - tyres}
-        return ", ".join(sorted(names - {self.ground}))
+        """Return the names of the robot's shapes that touch at rest, beside tyres on the ground."""
+        model = self.model
+        data = mujoco.MjData(model)
+        mujoco.mj_setState(model, data, self.rest, _STATE)
+        mujoco.mj_forward(model, data)
+        drums = [drum.geom for drum in self.tyres if drum is not None]
+        tyres = {self.wheeled.model.geom(geom).name for geom in drums}
+        root = model.body(self.wheeled.model.body(self.wheeled.root).name).id
+        found = set[str]()
+        for pair in data.contact.geom:
+            names = {model.geom(int(geom)).name for geom in pair}
+            is_of_robot = model.body_rootid[model.geom_bodyid[pair]] == root
+            if is_of_robot.any() and not (self.ground in names and names & tyres):
+                found |= names - {self.ground}
+        return one_line(", ".join(sorted(found)))
 
 
 def _say_nothing(message: str) -> None:

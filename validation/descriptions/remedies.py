@@ -1,38 +1,23 @@
-"""Changes of an MJCF that are tried before they are named: all that may help, then as few as do."""
+"""Changes of an MJCF that may mend its balance: each says what it holds for the cause.
+
+None is named before it was driven (`causes`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from mujoco import mjtDisableBit, mjtJoint, mjtSolver
 
-from ssmr.errors import SsmrError
 from ssmr.types import FloatArray
+from validation.descriptions.balance import SPEEDS, needed_torques, pairs_of, sliding
 from validation.descriptions.findings import OFF_AXLE, UNLIKE
 from validation.descriptions.mjcf_text import Edits, MjcfText, Part
-from validation.descriptions.own_robot import Measures, OwnRobot
-from validation.descriptions.trials import SPEEDS, examine, mechanical_turn
+from validation.descriptions.own_robot import OwnRobot
 from validation.simulator.composing import CONTACT_DEPTH, CONTACT_TIME, IMPEDANCE
 
-_LIMITS: Mapping[str, float] = {
-    "ratio": 0.03,
-    "ripple": 0.05,
-    "lifted_share": 0.01,
-    "droop": 0.10,
-    "droop_at_speed": 0.05,
-    "saturated": 0.05,
-    "rolls": 0.0025,
-    "creep": 0.0007,
-    "step": 0.05,
-    "veer_share": 0.02,
-    "diverged": 0.5,
-}
-"""Greatest value of each number that a sound model has [1]; speeds are over sqrt(g r)."""
-_WORST = 3.0
-"""Greatest badness of one number: beyond, it is as bad as it can be."""
-_WORTH = 0.05
-"""Badness that a change must save, or it is taken away again."""
 _IMPRATIO = 100.0
 """Stiffness of friction against sliding over that of the contact [1]."""
 _FIRM = 0.03
@@ -41,144 +26,124 @@ _SPARE = 1.5
 """Torque of motors over that of a turn on the spot [1]."""
 _LONGEST_STEP = 0.002
 """Greatest physics step that is proposed [s]."""
-_OPTION = ("option", "")
-
-
-def _deviations(measures: Measures) -> Measures:
-    """Return how far each number is from where it should be, as `_LIMITS` has them."""
-    get = measures.get
-    unit = get("speed_unit_m_s", 1.0)
-    out = {name: get(name, 0.0) for name in _LIMITS}
-    out["veer_share"] = abs(out["veer_share"])
-    out["rolls"] = get("rolls_m_s", 0.0) / unit
-    out["creep"] = get("creep_m_s", 0.0) / unit
-    out["step"] = get("step_halved_m", 0.0) / max(get("curve_m", 1.0), 0.05)
-    if "multiplier" not in measures:
-        out["ratio"] = _WORST * _LIMITS["ratio"]
-        return out
-    ratio = measures["multiplier"]
-    out["ratio"] = abs(ratio / measures["closed_form"] - 1.0)
-    spread = get("multiplier_max", ratio) - get("multiplier_min", ratio)
-    out["ripple"] = spread / ratio
-    return out
-
-
-def exceeds(robot: OwnRobot, name: str) -> bool:
-    """Return whether a number of a robot's trials, see `_LIMITS`, is more than a sound one has."""
-    return _deviations(robot.measures)[name] > _LIMITS[name]
-
-
-def _badness(measures: Measures) -> float:
-    """Return how bad a robot is: a sum over all numbers beyond their limits, 0 for a sound one."""
-    total = 0.0
-    for name, value in _deviations(measures).items():
-        total += min(max(value / _LIMITS[name] - 1.0, 0.0), _WORST)
-    return total
-
-
-def climb(
-    robot: OwnRobot, text: MjcfText, files: Mapping[str, bytes]
-) -> tuple[OwnRobot, dict[str, Edits], Measures]:
-    """Try changes of a model: all that apply, and then take away each that is not needed.
-
-    Args:
-        robot: the model as it is, after its trials.
-        text: its file.
-        files: the files that this names.
-
-    Returns:
-        The robot, with the change without which its simulation does not even run; the changes that
-        help, by name, with that one; and what the trials say with all of these.
-
-    Raises:
-        SsmrError: its simulation fails whatever is changed.
-    """
-    robot, kept = _rescued(robot, text, files)
-    for name, make in _RUNGS.items():
-        edits = make(robot, text)
-        if edits:
-            kept[name] = edits
-    if not kept:
-        return robot, kept, robot.measures
-    after = _tried(text, files, kept)
-    if _deviations(after)["step"] > _LIMITS["step"]:
-        step = min(robot.timestep, _LONGEST_STEP)
-        kept["halved step"] = {_OPTION: {"timestep": f"{0.5 * step:g}"}}
-        after = _tried(text, files, kept)
-    badness = _badness(after)
-    for name in reversed(list(kept)):
-        if name in _CORRECTIONS:
-            continue
-        fewer = {other: edits for other, edits in kept.items() if other != name}
-        without = _tried(text, files, fewer)
-        worse = _badness(without) - badness
-        if worse < _WORTH:
-            kept = fewer
-            after = without
-            badness = _badness(after)
-    return robot, kept, after
-
-
-def together(changes: Iterable[Edits]) -> Edits:
-    """Return the edits of several changes; of one attribute the last one counts."""
-    edits = dict[Part, Mapping[str, str]]()
-    for change in changes:
-        for part, values in change.items():
-            edits[part] = {**edits.get(part, {}), **values}
-    return edits
-
-
-def _tried(text: MjcfText, files: Mapping[str, bytes], changes: Mapping[str, Edits]) -> Measures:
-    """Return what the trials say of a model with some changes."""
-    try:
-        return examine(OwnRobot(text.edited(together(changes.values())), files))
-    except (ValueError, SsmrError):
-        return Measures(diverged=_WORST)
-
-
-def _rescued(
-    robot: OwnRobot, text: MjcfText, files: Mapping[str, bytes]
-) -> tuple[OwnRobot, dict[str, Edits]]:
-    """Return a robot that runs, and the change that it needs to run at all, if any does."""
-    for halvings in range(5):
-        if robot.measures["diverged"] == 0.0:
-            break
-        values = {"integrator": "implicitfast"}
-        if halvings > 0:
-            values["timestep"] = f"{robot.timestep / 2**halvings:g}"
-        rescue = {_OPTION: values}
-        mended = OwnRobot(text.edited(rescue), files)
-        if examine(mended)["diverged"] == 0.0:
-            mended.rescued = True
-            return mended, {"rescue": rescue}
-    return robot, {}
-
-
-# ------------------------------------------------------------------------------- the rungs
-def _cone(robot: OwnRobot, _: MjcfText) -> Edits:
-    if robot.model.opt.cone == 1:
-        return {}
-    return {_OPTION: {"cone": "elliptic"}}
-
-
-def _impratio(robot: OwnRobot, _: MjcfText) -> Edits:
-    if robot.model.opt.impratio >= 0.5 * _IMPRATIO:
-        return {}
-    return {_OPTION: {"impratio": f"{_IMPRATIO:g}"}}
+_SWEEPS = 100
+"""Iterations of the solver by default."""
+_HARD = 0.05
+"""Difference of two impedances or time constants that are not one [1]."""
+_TOE = math.radians(0.3)
+"""Angle of an axle to the robot's y from which it is not parallel [rad]."""
+OPTION = ("option", "")
+Remedy = tuple[str, str, Edits]
+"""Kind of a finding, a sentence on the cause, and the edits that take it away; none where it is not
+there."""
 
 
 def _row(*numbers: float) -> str:
     return " ".join(f"{number:.6g}" for number in numbers)
 
 
-def pairs_of(robot: OwnRobot, geom: int) -> list[int]:
-    """Return the numbers of the contact pairs of a shape."""
+def _reset(values: Mapping[Part, float], attribute: str, neutral: str, text: MjcfText) -> Edits:
+    """Return edits that give an attribute its neutral value, where it has another."""
+    return {
+        part: {attribute: neutral}
+        for part, value in values.items()
+        if value != float(neutral) and part in text
+    }
+
+
+def _of_joints(robot: OwnRobot, values: FloatArray) -> dict[Part, float]:
+    """Return the numbers of the wheels' degrees of freedom by their joints."""
+    return {
+        ("joint", name): float(values[dof])
+        for name, dof in zip(robot.names, robot.dofs, strict=True)
+    }
+
+
+# ------------------------------------------------------------------- what brakes, holds or lifts
+def _flags(robot: OwnRobot, text: MjcfText) -> Remedy:
+    off = {}
+    for bit in mjtDisableBit.__members__.values():
+        if robot.model.opt.disableflags & int(bit):
+            off[bit.name.removeprefix("mjDSBL_").lower()] = "enable"
+    part = ("flag", "")
+    edits = {part: off} if off and part in text else {}
+    return "held", f"<flag> disables {', '.join(off)}", edits
+
+
+def _gravity(robot: OwnRobot, _: MjcfText) -> Remedy:
+    x, y, z = robot.model.opt.gravity.tolist()
+    edits = {OPTION: {"gravity": _row(0.0, 0.0, -robot.gravity)}} if x or y or z > 0.0 else {}
+    return "load", f"gravity of {x:g} {y:g} {z:g} m/s2 does not point down", edits
+
+
+def _ties(robot: OwnRobot, text: MjcfText) -> Remedy:
+    active = robot.model.eq_active0.tolist()
+    values = {("equality", str(number)): float(value) for number, value in enumerate(active)}
+    # true and false are words
+    edits = {part: {"active": "false"} for part, on in values.items() if on and part in text}
+    return "held", "an <equality> ties wheels to each other or to something else", edits
+
+
+def _lifted(robot: OwnRobot, text: MjcfText) -> Remedy:
     model = robot.wheeled.model
-    hit = (model.pair_geom1 == geom) | (model.pair_geom2 == geom)
-    return np.flatnonzero(hit).tolist()
+    bodies = robot.wheeled.group(robot.wheeled.root)
+    values = {("body", model.body(body).name): float(model.body_gravcomp[body]) for body in bodies}
+    return "load", "gravcomp takes weight off the tyres", _reset(values, "gravcomp", "0", text)
 
 
-def _tyre_parts(robot: OwnRobot) -> list[Part]:
+def _medium(robot: OwnRobot, _: MjcfText) -> Remedy:
+    option = robot.model.opt
+    values = {"density": option.density, "viscosity": option.viscosity}
+    edits = {OPTION: dict.fromkeys(values, "0")} if any(values.values()) else {}
+    cause = f"density {option.density:g} and viscosity {option.viscosity:g} are those of a liquid"
+    return "held", f"{cause}, which brakes it", edits
+
+
+def _base_damping(robot: OwnRobot, text: MjcfText) -> Remedy:
+    model = robot.model
+    root = model.body(robot.wheeled.model.body(robot.wheeled.root).name)
+    joint = int(root.jntadr[0])
+    damping = float(model.dof_damping[model.jnt_dofadr[joint]])
+    values = {("joint", model.joint(joint).name): damping}
+    is_free = model.jnt_type[joint] == mjtJoint.mjJNT_FREE
+    edits = _reset(values, "damping", "0", text) if is_free else {}
+    return "held", f"damping of {damping:g} of the base's free joint brakes the robot", edits
+
+
+def _damping(robot: OwnRobot, text: MjcfText) -> Remedy:
+    values = _of_joints(robot, robot.model.dof_damping)
+    most = max(values.values())
+    edits = _reset(values, "damping", "0", text)
+    return "held", f"damping of {most:g} N m s/rad in the wheels' joints brakes them", edits
+
+
+def _dry(robot: OwnRobot, text: MjcfText) -> Remedy:
+    values = _of_joints(robot, robot.model.dof_frictionloss)
+    edits = _reset(values, "frictionloss", "0", text)
+    most = max(values.values())
+    return "held", f"frictionloss of {most:g} N m in the wheels' joints brakes them", edits
+
+
+def _springs(robot: OwnRobot, text: MjcfText) -> Remedy:
+    stiffness = robot.model.jnt_stiffness
+    values = {("joint", name): float(stiffness[robot.model.joint(name).id]) for name in robot.names}
+    edits = _reset(values, "stiffness", "0", text)
+    return "held", "stiffness in the wheels' joints: springs turn them back", edits
+
+
+def _inputs(robot: OwnRobot, text: MjcfText) -> Remedy:
+    edits = dict[Part, Mapping[str, str]]()
+    for name in robot.servos:
+        servo = robot.model.actuator(name)
+        low, high = servo.ctrlrange.tolist()
+        if servo.ctrllimited[0] and low != -high:
+            most = max(-low, high)
+            edits["actuator", name] = {"ctrlrange": _row(-most, most)}
+    return "effort", "ctrlrange lets wheels turn faster one way than the other", edits
+
+
+# ------------------------------------------------------------------- tyres and ground
+def tyre_parts(robot: OwnRobot) -> list[Part]:
     """Return what says the contact of each tyre: its pairs, else its shape."""
     parts = list[Part]()
     for drum in filter(None, robot.tyres):
@@ -189,7 +154,77 @@ def _tyre_parts(robot: OwnRobot) -> list[Part]:
     return parts
 
 
-def _soft(robot: OwnRobot, _: MjcfText) -> Edits:
+def _torsion(robot: OwnRobot, text: MjcfText) -> Remedy:
+    model = robot.wheeled.model
+    values = {}
+    for part in [*tyre_parts(robot), ("geom", robot.ground)]:
+        kind, name = part
+        dimension = model.pair_dim[int(name)] if kind == "pair" else robot.model.geom(name).condim
+        values[part] = max(float(np.ravel(dimension)[0]), 3.0)
+    cause = "condim above 3: torsional or rolling friction of the contacts holds the tyres"
+    return "which_friction", cause, _reset(values, "condim", "3", text)
+
+
+def _masks(robot: OwnRobot, text: MjcfText) -> Remedy:
+    ground = robot.model.geom(robot.ground)
+    edits = {}
+    for drum in filter(None, robot.tyres):
+        tyre = robot.wheeled.model.geom(drum.geom)
+        touches = tyre.contype & ground.conaffinity | tyre.conaffinity & ground.contype
+        if not touches.any() and not pairs_of(robot, drum.geom):
+            for part in (("geom", tyre.name), ("geom", robot.ground)):
+                edits[part] = {"contype": "1", "conaffinity": "1"}
+    edits = {part: values for part, values in edits.items() if part in text}
+    return "load", "contype and conaffinity keep tyres and ground apart", edits
+
+
+def _friction(robot: OwnRobot, text: MjcfText) -> Remedy:
+    """Give tyres, or their contact pairs, one sliding friction in all directions."""
+    model = robot.wheeled.model
+    rows = {}
+    for part in tyre_parts(robot):
+        kind, name = part
+        if part not in text:
+            continue
+        if kind == "pair":
+            rows[part] = np.split(model.pair_friction[int(name)], [2])
+        else:
+            geom = model.geom(name)
+            rows[part] = [np.array([sliding(robot, geom.id)]), geom.friction[1:]]
+    known = sorted(float(ways[0]) for ways, _ in rows.values())
+    edits = {}
+    kind = "unlike_wheels"
+    cause = f"wheels differ in their friction ({_row(*known)})"
+    for part, (ways, rest) in rows.items():
+        usual = known[len(known) // 2]
+        values = dict[str, str]()
+        if part[0] == "geom" and int(model.geom(part[1]).condim[0]) == 1:
+            values["condim"] = "3"
+            kind = "which_friction"
+            cause = "tyres have condim 1: they touch without friction"
+        elif np.abs(ways - usual).max() > 1e-3:
+            values["friction"] = _row(*[usual] * len(ways), *rest)
+        if np.ptp(ways) > 1e-3:
+            kind = "friction_by_heading"
+            cause = f"a contact pair has the frictions {_row(*ways)} along directions of the world"
+        if values:
+            edits[part] = values
+    return kind, cause, edits
+
+
+def _cone(robot: OwnRobot, _: MjcfText) -> Remedy:
+    edits = {} if robot.model.opt.cone == 1 else {OPTION: {"cone": "elliptic"}}
+    cause = "friction is bounded by a pyramid along axes that do not turn with the robot"
+    return "pyramid", cause, edits
+
+
+def _impratio(robot: OwnRobot, _: MjcfText) -> Remedy:
+    ratio = robot.model.opt.impratio
+    edits = {} if ratio >= _IMPRATIO else {OPTION: {"impratio": f"{_IMPRATIO:g}"}}
+    return "creep", f"contacts of impratio {ratio:g} let standing tyres slide", edits
+
+
+def _soft(robot: OwnRobot, text: MjcfText) -> Remedy:
     """Make the contact soft on the tyres alone, which then count alone."""
     model = robot.wheeled.model
     ground = robot.model.geom(robot.ground)
@@ -199,8 +234,9 @@ def _soft(robot: OwnRobot, _: MjcfText) -> Edits:
         "solimp": _row(*IMPEDANCE, CONTACT_DEPTH * robot.radius, 0.5, 2.0),
         "solref": _row(max(time, 2.0 * model.opt.timestep), 1.0),
     }
+    cause = "the contact is hard, so that wheels hop, or so soft that they sink"
     edits = {}
-    for part in _tyre_parts(robot):
+    for part in tyre_parts(robot):
         kind, name = part
         edits[part] = dict(soft)
         if kind == "geom":
@@ -210,91 +246,29 @@ def _soft(robot: OwnRobot, _: MjcfText) -> Edits:
             if priority <= first:
                 # the tyre's alone counts from now on: it keeps what the larger one was
                 edits[part]["friction"] = _row(*np.maximum(tyre.friction, ground.friction))
-    return edits
+            impedance = abs(float(tyre.solimp[0] - ground.solimp[0]))
+            times = np.array([tyre.solref[0], ground.solref[0]])
+            is_unlike = impedance > _HARD or np.ptp(times) > _HARD * np.abs(times).max()
+            if is_unlike and priority == first:
+                cause = (
+                    f"the tyres' solimp starts at {tyre.solimp[0]:g} and the ground's at "
+                    f"{ground.solimp[0]:g}, and MuJoCo takes the mean of both"
+                )
+    kind = "hopping" if cause.startswith("the contact") else "soft_on_one_geom"
+    return kind, cause, {part: values for part, values in edits.items() if part in text}
 
 
-def _needed_torque(robot: OwnRobot) -> float:
-    """Return the torque of a wheel in a turn on the spot on its ground, with its dry friction."""
-    friction = max(sliding(robot, drum.geom) for drum in filter(None, robot.tyres))
-    slip = mechanical_turn(robot).slip
-    dry = float(robot.model.dof_frictionloss[robot.dofs].max())
-    return 0.25 * friction * robot.mass * robot.gravity * robot.radius * slip + dry
-
-
-def sliding(robot: OwnRobot, geom: int) -> float:
-    """Return the friction with which a tyre slides on the ground [1]."""
-    model = robot.wheeled.model
-    pairs = pairs_of(robot, geom)
-    if pairs:
-        return float(model.pair_friction[pairs[0], :2].max())
-    sides = [model.geom(geom), robot.model.geom(robot.ground)]
-    first = max(int(side.priority[0]) for side in sides)
-    return max(float(side.friction[0]) for side in sides if int(side.priority[0]) == first)
-
-
-def _servo(robot: OwnRobot, text: MjcfText) -> Edits:
-    """Stiffen the servos, with rotors that let them be stiff."""
-    if robot.given_rates:
-        return {}
-    model = robot.model
-    slow = SPEEDS[0] * math.sqrt(robot.gravity / robot.radius)
-    gain = float(f"{_needed_torque(robot) / (_FIRM * slow):.2g}")
-    edits = dict[Part, Mapping[str, str]]()
-    for name in robot.servos:
-        servo = model.actuator(name)
-        part = ("actuator", name)
-        gear2 = (float(servo.gear[0]) or 1.0) ** 2
-        if -float(servo.biasprm[2]) * gear2 >= gain:
-            continue
-        kv = f"{gain / gear2:.4g}"
-        if text.tag(part) == "velocity":
-            edits[part] = {"kv": kv}
-        elif text.tag(part) == "general":
-            edits[part] = {"gainprm": kv, "biasprm": f"0 0 -{kv}"}
-    if not edits:
-        return {}
-    edits[_OPTION] = {"integrator": "implicitfast"}
-    least = 0.025 * robot.mass * robot.radius**2
-    for name, dof in zip(robot.names, robot.dofs, strict=True):
-        if model.dof_armature[dof] < least and ("joint", name) in text:
-            edits["joint", name] = {"armature": f"{least:.3g}"}
-    return edits
-
-
-def _motor(robot: OwnRobot, text: MjcfText) -> Edits:
-    """Raise the limits of motors that cannot turn the robot."""
-    if not exceeds(robot, "saturated"):
-        return {}
-    torque = float(f"{_SPARE * _needed_torque(robot):.2g}")
-    limits = _row(-torque, torque)
-    model = robot.model
-    edits = {}
-    for name in robot.servos:
-        if model.actuator_forcelimited[model.actuator(name).id]:
-            edits["actuator", name] = {"forcerange": limits}
-    for name in robot.names:
-        if model.jnt_actfrclimited[model.joint(name).id] and ("joint", name) in text:
-            edits["joint", name] = {"actuatorfrcrange": limits}
-    return edits
-
-
-def _step(robot: OwnRobot, _: MjcfText) -> Edits:
-    if robot.timestep <= _LONGEST_STEP:
-        return {}
-    return {_OPTION: {"timestep": f"{_LONGEST_STEP:g}"}}
-
-
-def _shape(robot: OwnRobot, text: MjcfText) -> Edits:
+# ------------------------------------------------------------------- shapes and places
+def _shape(robot: OwnRobot, text: MjcfText) -> Remedy:
     """Make boxes and ovals round, on their axles, and of one size."""
     wheeled = robot.wheeled
     drums = list(filter(None, robot.tyres))
     radius = float(np.median([drum.radius for drum in drums]))
     width = float(np.median([drum.half_width for drum in drums]))
     edits = {}
+    kind = "unlike_wheels"
     for drum, joint in zip(drums, wheeled.joints, strict=False):
         part = ("geom", wheeled.model.geom(drum.geom).name)
-        if part not in text:
-            continue
         values = dict[str, str]()
         is_angular = drum.kind in ("box", "oval")
         if is_angular or abs(drum.radius / radius - 1.0) > UNLIKE:
@@ -312,9 +286,11 @@ def _shape(robot: OwnRobot, text: MjcfText) -> Edits:
                 values["size"] = _row(*size)
         if drum.off_axle > OFF_AXLE * drum.radius:
             values["pos"] = _row(*_on_axle(robot, drum.geom, joint))
-        if values:
+        if is_angular or "pos" in values:
+            kind = "wheel_shape"
+        if values and part in text:
             edits[part] = values
-    return edits
+    return kind, "tyres are not round, not on their axles or not of one size", edits
 
 
 def _on_axle(robot: OwnRobot, geom: int, joint: int) -> FloatArray:
@@ -328,69 +304,134 @@ def _on_axle(robot: OwnRobot, geom: int, joint: int) -> FloatArray:
     return np.asarray(np.round(local, 6) + 0.0)
 
 
-def _axes(robot: OwnRobot, text: MjcfText) -> Edits:
-    """Turn the axes of wheels whose sign differs from that of the others."""
+def _axes(robot: OwnRobot, text: MjcfText) -> Remedy:
+    """Turn the axes of wheels whose sign differs from that of the others, or that toe in or out."""
+    wheeled = robot.wheeled
     edits = {}
-    for name, joint, sign in zip(robot.names, robot.wheeled.joints, robot.signs, strict=True):
-        if sign < 0.0 < robot.signs.max() and ("joint", name) in text:
-            axis = -robot.wheeled.model.jnt_axis[joint] + 0.0
-            edits["joint", name] = {"axis": _row(*axis)}
-    return edits
+    for name, joint, sign in zip(robot.names, wheeled.joints, robot.signs, strict=True):
+        axis = wheeled.data.xaxis[joint]
+        wanted = wheeled.turn[1] * (sign if robot.signs.max() < 0.0 else 1.0)
+        if float(axis @ wanted) < math.cos(_TOE) and ("joint", name) in text:
+            body = int(wheeled.model.jnt_bodyid[joint])
+            local = wheeled.data.xmat[body].reshape(3, 3).T @ wanted
+            edits["joint", name] = {"axis": _row(*np.round(local, 6) + 0.0)}
+    return "axes", "axes of the wheels do not point the same way", edits
 
 
-def _friction(robot: OwnRobot, text: MjcfText) -> Edits:
-    """Give tyres, or their contact pairs, one sliding friction in all directions."""
-    model = robot.wheeled.model
-    rows = {}
-    for part in _tyre_parts(robot):
-        kind, name = part
-        if part not in text:
+def _heights(robot: OwnRobot, text: MjcfText) -> Remedy:
+    """Bring the axles to one height."""
+    wheeled = robot.wheeled
+    heights = wheeled.data.xanchor[wheeled.joints, 2]
+    lift = np.median(heights) - heights
+    edits = {}
+    for body, away in zip(wheeled.bodies, lift.tolist(), strict=True):
+        part = ("body", wheeled.model.body(body).name)
+        parent = int(wheeled.model.body_parentid[body])
+        if abs(away) > 1e-4 and part in text:
+            local = wheeled.data.xmat[parent].reshape(3, 3).T @ [0.0, 0.0, away]
+            place = np.round(wheeled.model.body_pos[body] + local, 6)
+            edits[part] = {"pos": _row(*place + 0.0)}
+    cause = f"heights of the axles differ by {1e3 * np.ptp(heights):.1f} mm: it stands on three"
+    return "unlike_wheels", f"{cause} wheels", edits
+
+
+# ------------------------------------------------------------------- solver and motors
+def _solver(robot: OwnRobot, _: MjcfText) -> Remedy:
+    option = robot.model.opt
+    name = mjtSolver(option.solver).name.removeprefix("mjSOL_")
+    edits = {}
+    if name != "NEWTON" or option.iterations < _SWEEPS:
+        edits = {OPTION: {"solver": "Newton", "iterations": f"{_SWEEPS}"}}
+    cause = f"the solver {name} with {option.iterations} iterations (sweeps) finds no forces"
+    return "solver", f"{cause} that hold the tyres", edits
+
+
+def _step(robot: OwnRobot, _: MjcfText) -> Remedy:
+    step = robot.timestep
+    shorter = min(0.5 * step, _LONGEST_STEP)
+    cause = f"the step of {1e3 * step:g} ms is too long for contacts and servos"
+    return "step", cause, {OPTION: {"timestep": f"{shorter:g}"}}
+
+
+def _servo(robot: OwnRobot, text: MjcfText) -> Remedy:
+    """Stiffen the servos, with rotors that let them be stiff."""
+    model = robot.model
+    slow = SPEEDS[0] * math.sqrt(robot.gravity / robot.radius)
+    gain = float(f"{needed_torques(robot).max() / (_FIRM * slow):.2g}")
+    edits = dict[Part, Mapping[str, str]]()
+    softest = gain
+    for name in [] if robot.given_rates else robot.servos:
+        servo = model.actuator(name)
+        part = ("actuator", name)
+        gear2 = (float(servo.gear[0]) or 1.0) ** 2
+        stiffness = -float(servo.biasprm[2])
+        softest = min(softest, stiffness)
+        if stiffness * gear2 >= gain:
             continue
-        if kind == "pair":
-            rows[part] = np.split(model.pair_friction[int(name)], [2])
-        else:
-            geom = model.geom(name)
-            rows[part] = [np.array([sliding(robot, geom.id)]), geom.friction[1:]]
-    known = sorted(float(ways[0]) for ways, _ in rows.values())
-    edits = {}
-    for part, (ways, rest) in rows.items():
-        usual = known[len(known) // 2]
-        values = dict[str, str]()
-        if np.abs(ways - usual).max() > 1e-3:
-            values["friction"] = _row(*[usual] * len(ways), *rest)
-        if part[0] == "geom" and int(model.geom(part[1]).condim[0]) == 1:
-            values["condim"] = "3"
-        if values:
-            edits[part] = values
-    return edits
+        kv = f"{gain / gear2:.4g}"
+        if text.tag(part) == "velocity":
+            edits[part] = {"kv": kv}
+        elif text.tag(part) == "general":
+            edits[part] = {"gainprm": kv, "biasprm": f"0 0 -{kv}"}
+    cause = f"the wheels' servos are too soft (kv is {softest:g}) and give way to the ground"
+    if edits:
+        edits[OPTION] = {"integrator": "implicitfast"}
+        least = 0.025 * robot.mass * robot.radius**2
+        for part, armature in _of_joints(robot, model.dof_armature).items():
+            if armature < least and part in text:
+                edits[part] = {"armature": f"{least:.3g}"}
+    return "servo_soft", f"{cause}, which is no skidding and which no multiplier mends", edits
 
 
-_RUNGS: Mapping[str, Callable[[OwnRobot, MjcfText], Edits]] = {
-    "cone": _cone,
-    "impratio": _impratio,
-    "contact": _soft,
-    "servo": _servo,
-    "motor": _motor,
-    "step": _step,
-    "shape": _shape,
-    "axes": _axes,
-    "friction": _friction,
-}
-"""Function of each change that may help, which returns the edits of a robot; none where it is of no
-use."""
-CURES: Mapping[str, tuple[str, ...]] = {
-    "rescue": ("step",),
-    "cone": ("pyramid", "creep"),
-    "impratio": ("creep", "pyramid"),
-    "contact": ("hopping", "soft_on_one_geom", "which_friction"),
-    "servo": ("servo_soft", "rolls"),
-    "motor": ("motor_weak",),
-    "step": ("step",),
-    "halved step": ("step",),
-    "shape": ("wheel_shape", "unlike_wheels"),
-    "axes": ("axes",),
-    "friction": ("friction_by_heading", "unlike_wheels", "which_friction"),
-}
-"""Kinds of findings that each change may cure."""
-_CORRECTIONS = ("rescue", "shape", "axes", "friction", "cone")
-"""Changes of what is wrong by the file alone, or stops it; they stay whatever the trials say."""
+def _motor(robot: OwnRobot, text: MjcfText) -> Remedy:
+    """Raise the limits of motors that cannot turn the robot, each for itself."""
+    model = robot.model
+    wanted = _SPARE * needed_torques(robot)
+    weak = np.flatnonzero(robot.most_torques < wanted).tolist()
+    edits = dict[Part, Mapping[str, str]]()
+    names = list[str]()
+    for wheel in weak:
+        torque = float(f"{wanted[wheel]:.2g}")
+        joint = model.joint(robot.names[wheel])
+        if model.jnt_actfrclimited[joint.id] and ("joint", joint.name) in text:
+            most = max(torque, float(np.abs(model.jnt_actfrcrange[joint.id]).max()))
+            edits["joint", joint.name] = {"actuatorfrcrange": _row(-most, most)}
+        for name in robot.servos:
+            motor = model.actuator(name)
+            if motor.trnid[0] == joint.id and motor.forcelimited[0]:
+                most = torque / abs(float(motor.gear[0]) or 1.0)
+                most = max(most, float(np.abs(motor.forcerange).max()))
+                edits["actuator", name] = {"forcerange": _row(-most, most)}
+                names.append(name)
+    least = float(robot.most_torques.min(initial=np.inf))
+    cause = f"motors are weak ({', '.join(names)}): the weakest gives {least:.3g} N m"
+    return "motor_weak", cause, edits
+
+
+REMEDIES: Sequence[Callable[[OwnRobot, MjcfText], Remedy]] = (
+    _flags,
+    _gravity,
+    _ties,
+    _lifted,
+    _medium,
+    _base_damping,
+    _damping,
+    _dry,
+    _springs,
+    _inputs,
+    _torsion,
+    _masks,
+    _friction,
+    _shape,
+    _axes,
+    _heights,
+    _solver,
+    _cone,
+    _impratio,
+    _soft,
+    _step,
+    _motor,
+    _servo,
+)
+"""Changes, first of all those of what is in the file alone for no good; where two mend the same,
+the last one is not needed."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ssmr.robot.ground import FRONT, LEFT, SkidTurn, resting_shares, turn_on_the_spot
+from ssmr.robot.ground import SkidTurn, resting_shares, turn_on_the_spot
 from ssmr.types import FloatArray
 from validation.simulator.description import GRAVITY, Robot, Vector3
 

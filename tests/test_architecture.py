@@ -465,7 +465,7 @@ PRICES = {
         "reinforcement learning on the robot: Gymnasium, also many as one batch, and dm_control",
     ),
     "validation/descriptions": Price(
-        34_600,
+        38_800,
         7,
         40,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "

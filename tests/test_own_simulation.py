@@ -82,6 +82,7 @@ def model(odd: Mapping[str, str] | None = None, **changes: str) -> str:
     )
 
 
+ROTOR = 'armature="0.05"'
 DISEASES: Mapping[str, tuple[str, bool]] = {
     "unlike_wheels by friction": (model({"mu": "0.3"}), True),
     "which_friction": (model(condim="1"), True),
@@ -97,6 +98,30 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
     "wheel_shape": (model({"at": "0.01 0 0"}), True),
     "axes": (model({"axis": "0 -1 0"}), True),
     "weight_off": (model(com="-0.1 0 0.05"), False),
+    "held by its free joint": (model(joint='<joint type="free" damping="60"/>'), True),
+    "held by dampers": (model().replace('armature="0.05"', 'armature="0.05" damping="40"'), True),
+    "held by brakes": (
+        model().replace('armature="0.05"', 'armature="0.05" frictionloss="90"'),
+        True,
+    ),
+    "held by springs": (model().replace('armature="0.05"', 'armature="0.05" stiffness="30"'), True),
+    "held by a liquid": (
+        model(option=OPTION.replace("/>", ' density="1e3" viscosity="5"/>')),
+        True,
+    ),
+    "held by a tie": (
+        model(more='<equality><joint joint1="front_left_j" joint2="front_right_j"/></equality>'),
+        True,
+    ),
+    "which_friction by torsion": (model(condim="4").replace(" .005 ", " .3 "), True),
+    "load": (model().replace('name="hull"', 'name="hull" gravcomp="0.9"'), True),
+    "load by masks": (
+        model().replace('size="20 20 .1"', 'size="20 20 .1" contype="2" conaffinity="2"'),
+        True,
+    ),
+    "solver": (model(option=OPTION.replace("/>", ' solver="PGS" iterations="1"/>')), True),
+    "effort": (model(force='ctrlrange="0 10"'), True),
+    "axes by toe": (model({"axis": "0.05 1 0"}), True),
 }
 """A model for each kind of finding, and whether the file that is written has it no more."""
 
@@ -147,6 +172,59 @@ def test_only_attributes_are_written(tmp_path: Path) -> None:
     assert "<!-- a -- b -->" in after[0]
     same = [a == b for a, b in zip(before, after, strict=True)]
     assert sum(same) >= len(same) - 9
+
+
+WEAK = 'forcerange="-20 20"'
+
+
+def test_a_motor_is_raised_alone_and_no_maximum_is_lowered(tmp_path: Path) -> None:
+    """Of four motors one is weak; the others give more than what would do."""
+    path = tmp_path / "theirs.xml"
+    path.write_text(model(force=WEAK).replace(WEAK, 'forcerange="-3 3"', 1))
+    fixed = tmp_path / "fixed.xml"
+    (finding,) = check_robot(path, write=fixed).findings
+    assert finding.kind == "motor_weak"
+    written = fixed.read_text()
+    assert written.count(WEAK) == 3
+    (raised,) = re.findall(r'forcerange="-\S+ (\S+)"', written.replace(WEAK, ""))
+    assert float(raised) > 9.2
+
+
+@pytest.mark.parametrize("kind", ["pyramid", "hopping", "servo_soft", "step"])
+def test_what_is_written_is_printed_once_and_driven(kind: str, tmp_path: Path) -> None:
+    """Each attribute that differs stands in one change, and `after` is what the file does."""
+    path = tmp_path / "theirs.xml"
+    text = DISEASES[kind][0]
+    path.write_text(text)
+    fixed = tmp_path / "fixed.xml"
+    findings = check_robot(path, write=fixed).findings
+    printed = " ".join(finding.change or "" for finding in findings)
+    asked = re.findall(r'(\w+)="([^"]*)"', printed)
+    written = fixed.read_text()
+    for name, value in set(re.findall(r'(\w+)="([^"]*)"', written)):
+        if f'{name}="{value}"' not in text:
+            assert (name, value) in asked
+    of_option = [pair for pair in asked if pair[0] in ("timestep", "impratio", "cone")]
+    assert len({name for name, _ in of_option}) == len(set(of_option))
+    rows = {row["row"]: row for row in check_robot(fixed).document()["balance"]}
+    for finding in findings:
+        if finding.after is not None and finding.before is not None:
+            row = next(rows[name] for name in rows if finding.before.startswith(name))
+            assert finding.after.startswith(f"{row['found']:.3g} for {row['expected']:.3g}")
+
+
+def test_a_residual_without_a_cause_is_a_fault_with_its_numbers(tmp_path: Path) -> None:
+    """A belly that carries the robot is nothing that an attribute mends."""
+    path = tmp_path / "theirs.xml"
+    belly = (
+        '<freejoint/><geom name="belly" type="box" size=".1 .1 .05" pos="0 0 -0.1013" mass="0"/>'
+    )
+    path.write_text(model(joint=belly))
+    check = check_robot(path)
+    found = [finding for finding in check.findings if finding.kind == "unexplained"]
+    assert any("load" in finding.cause and "belly" in finding.cause for finding in found)
+    assert not check.ok
+    assert not any("wheel_separation_multiplier" in sentence for sentence in check.notes())
 
 
 FRAMES: Mapping[str, Mapping[str, str]] = {

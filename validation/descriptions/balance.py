@@ -82,6 +82,17 @@ class Row(NamedTuple):
         """Residual over its limit [1]: more than 1 asks for a cause."""
         return abs(self.share) / self.limit
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return what robot.json has of it."""
+        return {
+            "row": self.row,
+            "found": self.found,
+            "expected": self.expected,
+            "unit": self.unit,
+            "share": self.share,
+            "cause": self.cause,
+        }
+
     @property
     def words(self) -> str:
         """What is there and what should be."""

@@ -67,8 +67,8 @@ class Competition:
         self.eaters = dict[str, tuple[float, str]]()
         examine(robot)
         self.robot = robot
-        self.before = weigh_robot(robot)
-        self.after = self.before
+        self.before: Balance = weigh_robot(robot)
+        self.after: Balance = self.before
         if text is None:
             return
         self._rescue(text)
@@ -115,7 +115,7 @@ class Competition:
             remedy = make(self.robot, text)
             if remedy[2]:
                 kept.append(remedy)
-        after: Balance = self._tried(kept)
+        after = self._tried(kept)
         for _ in range(_ROUNDS):
             for remedy in kept[:rescues:-1] + kept[rescues : rescues + 1]:
                 fewer = [other for other in kept if other is not remedy]
@@ -157,11 +157,9 @@ class Competition:
         """Return the balance as robot.json has it, once its findings are known."""
         rows = []
         for name, row in self.before.items():
-            values = row._asdict() | {"share": row.share}
             if row.excess > 1.0 and name in self.eaters:
-                values["cause"] = self.eaters[name][1]
-            keys = ("row", "found", "expected", "unit", "share", "cause")
-            rows.append({key: values[key] for key in keys})
+                row = row._replace(cause=self.eaters[name][1])
+            rows.append(row.as_dict())
         return rows
 
     def _own_row(self, remedy: Remedy) -> str:

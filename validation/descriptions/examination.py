@@ -15,7 +15,7 @@ import numpy as np
 
 from ssmr.errors import DivergedError
 from ssmr.types import Commands, State
-from validation.descriptions.balance import in_words
+from validation.descriptions.balance import TURN, Row, in_words
 from validation.descriptions.causes import Competition, ask_driven, together
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
@@ -23,8 +23,8 @@ from validation.descriptions.mjcf_text import MjcfText
 from validation.descriptions.own_robot import LOADS, OwnRobot
 from validation.output import Document, one_line
 from validation.simulator.calibration import Calibration
-from validation.simulator.checking import spot_turn
-from validation.simulator.description import GRAVITY, ROTOR_SHARE, Robot, free_drive
+from validation.simulator.checking import load_shares, spot_turn
+from validation.simulator.description import GRAVITY, ROTOR_SHARE, WHEELS, Robot, free_drive
 from validation.simulator.health import apparent_mass
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure_spin, spin_on_spot
@@ -143,6 +143,7 @@ def examine_model(robot: Robot) -> Examined:
         "turning_multiplier": turn.get("multiplier"),
         "yaw_ripple": turn.get("ripple"),
         "apparent_mass_kg": apparent_mass(plant.model),
+        "balance": [row.as_dict() for row in _model_rows(robot, loads, turn)],
     }
     return Examined([], _model_findings(robot, turn), numbers, loads)
 
@@ -177,6 +178,21 @@ def _slow_spin(calibration: Calibration) -> dict[str, float]:
     seconds = 0.05 * math.ceil((SPIN_LEAD + turn_time) / 0.05)
     motion = spin_on_spot(MujocoPlant(stiff, free_drive(calibration.robot)), seconds, rate)
     return measure_spin(motion, stiff)
+
+
+def _model_rows(robot: Robot, loads: list[float], turn: Mapping[str, float]) -> list[Row]:
+    """Return the balance of a robot's MuJoCo model: its loads and its slow turn."""
+    weight = robot.mass * GRAVITY
+    rows = [Row("load of all wheels", sum(loads), weight, "N", weight)]
+    for name, load, share in zip(WHEELS, loads, load_shares(robot).tolist(), strict=True):
+        words = name.replace("_", " ")
+        rows.append(Row(f"load of the {words} wheel", load, share * weight, "N", 0.25 * weight))
+    spot = spot_turn(robot)
+    if spot is not None and spot.yaw_rate > 0.0:
+        found = 90.0 / turn.get("multiplier", math.inf)
+        rows.append(Row(TURN, found, 90.0 / spot.multiplier, "°", 90.0 / spot.multiplier))
+    on_ground = 1.0 - turn["lifted_share"]
+    return [*rows, Row("time of the wheels on the ground", on_ground, 1.0, "", 1.0, 0.01)]
 
 
 def _model_findings(robot: Robot, turn: Mapping[str, float]) -> list[Finding]:

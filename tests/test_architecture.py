@@ -466,7 +466,7 @@ PRICES = {
     ),
     "validation/descriptions": Price(
         38_800,
-        7,
+        8,
         40,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "
         "what is wrong is said with changes that were tried: whatever stops, slows or turns them "

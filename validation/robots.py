@@ -68,7 +68,6 @@ ExportFormat = Literal["urdf", "sdf", "mjcf", "diff-drive"]
 """Formats of `export`."""
 _MOST_FINDINGS = 5
 """Number of findings that are printed; all are in robot.json."""
-_BALANCE_CAPTION = "off: what is there less what mechanics says, as a share of what it is of"
 _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_half_track"}
 """Numbers of the drive that are shown even where the file does not say them."""
 
@@ -157,15 +156,8 @@ class RobotCheck(Report):
     def tables(self) -> list[Table]:
         """Return all numbers with their sources."""
         tables = [_numbers_table(self.robot)]
-        if rows := self.examined.numbers.get("balance"):
-            shown = []
-            for row in rows:
-                numbers = {"off": f"{100.0 * row['share']:.1f} %", "who eats it": row["cause"]}
-                found = f"{row['found']:.4g}"
-                expected = f"{row['expected']:.4g} {row['unit']}".rstrip()
-                shown.append({"row": row["row"], "there": found, "by mechanics": expected})
-                shown[-1] |= numbers
-            tables.append(Table("Balance", shown, _BALANCE_CAPTION))
+        if rows := self.examined.balance:
+            tables.append(Table("Balance", [row.as_text() for row in rows]))
         return tables
 
     def notes(self) -> list[str]:
@@ -182,7 +174,7 @@ class RobotCheck(Report):
         if len(self.findings) > _MOST_FINDINGS:
             notes.append(f"and {len(self.findings) - _MOST_FINDINGS} more, in robot.json")
         notes += [*sentences[1:], *self.remarks]
-        if self.remarks and self.spot is not None and not self._is_off() and self._turns():
+        if self.remarks and self.spot is not None and not self._is_off():
             notes.append(
                 "last of all: a diff_drive_controller turns it as told with wheel_separation "
                 f"{self.robot.track:.4g} and wheel_separation_multiplier "
@@ -191,19 +183,16 @@ class RobotCheck(Report):
         return notes
 
     def _is_off(self) -> bool:
-        """Return whether the weight is off the middle, which no multiplier mends."""
-        return any(finding.kind == "weight_off" for finding in self.findings)
-
-    def _turns(self) -> bool:
-        """Return whether no drive contradicts the turn by mechanics."""
-        rows = self.examined.numbers.get("balance", [])
-        return all(abs(row["share"]) < 0.03 for row in rows if row["row"] == TURN)
+        """Return whether no multiplier mends it: its weight is off, or drives show another turn."""
+        turns = [row for row in self.examined.balance if row.row == TURN and row.excess > 1.0]
+        return bool(turns) or any(finding.kind == "weight_off" for finding in self.findings)
 
     def document(self) -> Document:
         """Return the contents of robot.json."""
         return {
             **_robot_document(self.robot, self.spot, self.loads),
             **self.examined.numbers,
+            "balance": [row.as_dict() for row in self.examined.balance],
             "ok": self.ok,
             "findings": [finding._asdict() for finding in self.findings],
             "advice": [finding.sentence for finding in self.findings],

@@ -46,17 +46,6 @@ class SkidTurn:
         return 2.0 / (self.track * self.yaw_rate) if self.yaw_rate > 0.0 else math.inf
 
 
-def resting_shares(wheelbase: float, track: float, x: float, y: float) -> FloatArray:
-    """Return the (4,) wheel loads over the weight [1] on equal springs and level ground.
-
-    The weight is x ahead and y to the left of the middle [m]. A negative share says that the robot
-    would fall over that wheel's opposite.
-    """
-    ahead = x * FRONT / (0.5 * wheelbase)
-    aside = y * LEFT / (0.5 * track)
-    return np.asarray(0.25 * (1.0 + ahead + aside))
-
-
 def turn_on_the_spot(
     wheelbase: float,
     track: float,

@@ -12,9 +12,10 @@ import mujoco
 import numpy as np
 
 from ssmr.errors import DivergedError
-from ssmr.robot.ground import FRONT, LEFT, SkidTurn, resting_shares, turn_on_the_spot
+from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
 from ssmr.types import FloatArray, Trajectory
 from validation.descriptions.own_robot import LOADS, Measures, OwnRobot
+from validation.simulator.checking import resting_shares
 from validation.simulator.health import LIFT_SHARE
 
 SPEEDS = (0.08, 0.25, 0.5)
@@ -47,12 +48,12 @@ _LONGEST = 12.0
 
 
 TURN = "turn for 90° of the wheels"
-"""Row of the turn on the spot."""
+"""BalanceRow of the turn on the spot."""
 ROLLING = "rolling"
 """First word of the row of a robot whose wheels turn on a slope."""
 
 
-class Row(NamedTuple):
+class BalanceRow(NamedTuple):
     """A line of the balance."""
 
     row: str
@@ -91,6 +92,16 @@ class Row(NamedTuple):
             "unit": self.unit,
             "share": self.share,
             "cause": self.cause,
+        }
+
+    def as_text(self) -> dict[str, str]:
+        """Return what a table shows of it."""
+        return {
+            "row": self.row,
+            "there": f"{self.found:.4g}",
+            "by mechanics": f"{self.expected:.4g} {self.unit}".rstrip(),
+            "off": f"{100.0 * self.share:.1f} %",
+            "who eats it": self.cause,
         }
 
     @property
@@ -299,17 +310,17 @@ _TRIALS = (_stand, _straight, _turns, _curve, _slopes)
 
 
 # ------------------------------------------------------------------------- rows
-def weigh_robot(robot: OwnRobot) -> dict[str, Row]:
+def weigh_robot(robot: OwnRobot) -> dict[str, BalanceRow]:
     """Return the balance of a robot after its trials, by the names of its rows."""
     measures = robot.measures
     done = len(_TRIALS) - measures["diverged"]
-    rows = [Row("drives that the simulator ends", done, len(_TRIALS), "", 1.0)]
+    rows = [BalanceRow("drives that the simulator ends", done, len(_TRIALS), "", 1.0)]
     for weigh in (_weigh_loads, _weigh_motors, _weigh_turn, _weigh_way, _weigh_rest):
         rows += weigh(robot, measures)
     return {row.row: row for row in rows}
 
 
-def _weigh_loads(robot: OwnRobot, measures: Measures) -> list[Row]:
+def _weigh_loads(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     """Weight against the loads, and each load against its share."""
     if LOADS[0] not in measures:
         return []
@@ -319,19 +330,23 @@ def _weigh_loads(robot: OwnRobot, measures: Measures) -> list[Row]:
     shares = weight * resting_shares(wheeled.wheelbase, wheeled.track, *_weight_place(robot))
     others = robot.other_contacts()
     cause = f"also touching: {others}" if others else ""
-    rows = [Row("load of all wheels", float(loads.sum()), weight, "N", weight, cause=cause)]
+    rows = [BalanceRow("load of all wheels", float(loads.sum()), weight, "N", weight, cause=cause)]
     if shares.min() <= 0.0:
         return rows
     # how four wheels share beyond this is left open by mechanics
     for name, side in (("front", FRONT > 0.0), ("left", LEFT > 0.0)):
         found = float(loads[side].sum())
         share = float(shares[side].sum())
-        rows.append(Row(f"load of the {name} wheels", found, share, "N", 0.5 * weight, cause=cause))
+        rows.append(
+            BalanceRow(f"load of the {name} wheels", found, share, "N", 0.5 * weight, cause=cause)
+        )
     worst = int(np.abs(loads - shares).argmax())
     found = float(loads[worst])
     cause = cause or robot.names[worst]
     share = float(shares[worst])
-    rows.append(Row("load of one wheel", found, share, "N", share, _UNEVEN, cause))
+    rows.append(
+        BalanceRow("load of one wheel", found, share, "N", share, limit=_UNEVEN, cause=cause)
+    )
     return rows
 
 
@@ -345,7 +360,7 @@ def needed_torques(robot: OwnRobot) -> FloatArray:
     return np.array(frictions) * loads * robot.radius * mechanical_turn(robot).slip
 
 
-def _weigh_motors(robot: OwnRobot, measures: Measures) -> list[Row]:
+def _weigh_motors(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     """What motors can give against what ground and joints take, and the rates they reach."""
     if robot.given_rates or "reached_" not in measures:
         return []
@@ -366,16 +381,18 @@ def _weigh_motors(robot: OwnRobot, measures: Measures) -> list[Row]:
     cause = f"{robot.names[worst]}: {', '.join(parts)}"
     need = float(needed[worst])
     has = float(gives[worst])
-    rows = [Row("torque of a motor", has, need, "N m", need or 1.0, cause=cause, is_least=True)]
+    rows = [
+        BalanceRow("torque of a motor", has, need, "N m", need or 1.0, cause=cause, is_least=True)
+    ]
     for name, froude, limit in (("slow_", SPEEDS[0], 0.10), ("", SPEEDS[1], 0.05)):
         told = _speed(robot, froude) / robot.radius
         found = told * measures[f"reached_{name.strip('_')}"]
         text = f"rate of a wheel in a {name.replace('_', ' ')}turn"
-        rows.append(Row(text, found, told, "rad/s", told, limit, cause))
+        rows.append(BalanceRow(text, found, told, "rad/s", told, limit=limit, cause=cause))
     return rows
 
 
-def _weigh_turn(robot: OwnRobot, measures: Measures) -> list[Row]:
+def _weigh_turn(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     """The turn against its closed form, at all headings, and where it takes the middle."""
     if "sideways_m" not in measures or not robot.driven.all():
         return []
@@ -384,41 +401,47 @@ def _weigh_turn(robot: OwnRobot, measures: Measures) -> list[Row]:
     bounds = sorted(90.0 / turn.multiplier for turn in turns)
     found = 90.0 / measures.get("multiplier", math.inf)
     expected = min(max(found, bounds[0]), bounds[1])
-    rows = [Row(TURN, found, expected, "°", max(expected, 9.0))]
+    rows = [BalanceRow(TURN, found, expected, "°", max(expected, 9.0))]
     lifted = measures["lifted_share"]
-    rows.append(Row("time of the wheels on the ground", 1.0 - lifted, 1.0, "", 1.0, 0.01))
+    rows.append(BalanceRow("time of the wheels on the ground", 1.0 - lifted, 1.0, "", 1.0, 0.01))
     if "multiplier_max" in measures and expected > 9.0:
         low = measures["multiplier_min"]
         mean = measures["multiplier"]
         high = measures["multiplier_max"]
-        rows.append(Row("turning ratio at the worst heading", high, low, "", mean, 0.05))
+        rows.append(BalanceRow("turning ratio at the worst heading", high, low, "", mean, 0.05))
         turn = turns[1]
         reach = 2.0 * math.hypot(turn.forward, turn.across) / turn.yaw_rate
         reach *= math.sin(0.5 * min(measures["turned_rad"], math.pi))
         size = robot.wheeled.track + reach
-        rows.append(Row("way of the middle in the turn", measures["sideways_m"], reach, "m", size))
+        rows.append(
+            BalanceRow("way of the middle in the turn", measures["sideways_m"], reach, "m", size)
+        )
     return rows
 
 
-def _weigh_way(robot: OwnRobot, measures: Measures) -> list[Row]:
+def _weigh_way(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     """The straight line against the wheels, and the curve against one of half the step."""
     rows = []
     if "load_ripple_share" in measures:
         rolling = measures.get("rolling_radius_m", 0.0)
         radius = robot.radius
-        rows.append(Row("rolling radius", rolling, radius, "m", radius))
+        rows.append(BalanceRow("rolling radius", rolling, radius, "m", radius))
         rows.append(
-            Row("drift over way ahead", abs(measures.get("veer_share", 0.0)), 0.0, "", 1.0, 0.02)
+            BalanceRow(
+                "drift over way ahead", abs(measures.get("veer_share", 0.0)), 0.0, "", 1.0, 0.02
+            )
         )
     if "step_halved_m" in measures:
         way = max(measures["curve_m"], 0.05)
         rows.append(
-            Row("end of a curve by half the step", measures["step_halved_m"], 0.0, "m", way, 0.05)
+            BalanceRow(
+                "end of a curve by half the step", measures["step_halved_m"], 0.0, "m", way, 0.05
+            )
         )
     return rows
 
 
-def _weigh_rest(robot: OwnRobot, measures: Measures) -> list[Row]:
+def _weigh_rest(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     """Rest on level ground, and on a slope that friction can hold: sliding and rolling."""
     unit = 1e3 * measures["speed_unit_m_s"]
     slope = f"on {math.degrees(measures.get('slope_rad', 0.0)):.0f}°"
@@ -430,7 +453,7 @@ def _weigh_rest(robot: OwnRobot, measures: Measures) -> list[Row]:
     rows = []
     for key, (name, limit) in names.items():
         if key in measures and not (robot.given_rates and name.startswith(ROLLING)):
-            rows.append(Row(name, 1e3 * measures[key], 0.0, "mm/s", unit, limit))
+            rows.append(BalanceRow(name, 1e3 * measures[key], 0.0, "mm/s", unit, limit))
     return rows
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from ssmr.errors import SsmrError
-from validation.descriptions.balance import ROLLING, Row, examine, weigh_robot
+from validation.descriptions.balance import ROLLING, BalanceRow, examine, weigh_robot
 from validation.descriptions.findings import Finding
 from validation.descriptions.influences import STOPPING
 from validation.descriptions.mjcf_text import Edits, MjcfText, Part
@@ -25,10 +24,10 @@ _OF_FILE = ("unlike_wheels", "wheel_shape", "axes", "friction_by_heading", "whic
 """Kinds of what is wrong by the file alone: mended whatever drives say, if that harms none."""
 _EXPLAINING = (*STOPPING, *_OF_FILE, "weight_off", "hull")
 """Kinds that a file alone shows and that leave residuals in a balance."""
-Balance = Mapping[str, Row]
+Balance = Mapping[str, BalanceRow]
 
 
-def excess_of(balance: Balance, row: str) -> float:
+def _excess_of(balance: Balance, row: str) -> float:
     """Return the residual of a row over its limit; infinite where it could not be driven."""
     return min(balance[row].excess, 1e6) if row in balance else 1e6
 
@@ -37,8 +36,8 @@ def _gains(before: Balance, after: Balance) -> dict[str, float]:
     """Return by how much rows that are off come closer, in their limits; negative for a harm."""
     gains = {}
     for row in {**before, **after}:
-        was = excess_of(before, row)
-        now = excess_of(after, row)
+        was = _excess_of(before, row)
+        now = _excess_of(after, row)
         if max(was, now) > 1.0 and min(was, now) < _GAIN * max(was, now):
             gains[row] = was - now
     return gains
@@ -146,20 +145,20 @@ class Competition:
                 found.append(_judged(remedy[0], remedy[1], self.before[row], self.after, lines))
         explained = {f.kind for f in known if f.severity == "fault"}.intersection(_EXPLAINING)
         for row, weighed in self.before.items():
-            is_left = excess_of(self.after, row) > 1.0 and not explained
+            is_left = _excess_of(self.after, row) > 1.0 and not explained
             if is_left or (row.startswith(ROLLING) and weighed.excess > 1.0):
                 cause = f"{row} {weighed.words}"
                 cause += f" ({weighed.cause})" if weighed.cause else ""
                 found.append(_judged("unexplained", cause, weighed, self.after))
-        return found
+        return found + _ask_driven(self.robot)
 
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the balance as robot.json has it, once its findings are known."""
+    def rows(self) -> list[BalanceRow]:
+        """Return the balance with what eats the differences, once its findings are known."""
         rows = []
         for name, row in self.before.items():
             if row.excess > 1.0 and name in self.eaters:
                 row = row._replace(cause=self.eaters[name][1])
-            rows.append(row.as_dict())
+            rows.append(row)
         return rows
 
     def _own_row(self, remedy: Remedy) -> str:
@@ -178,7 +177,9 @@ class Competition:
         return max(rows, key=lambda row: min(gains[row], closer[row]), default="")
 
 
-def _judged(kind: str, cause: str, row: Row, after: Balance, lines: str | None = None) -> Finding:
+def _judged(
+    kind: str, cause: str, row: BalanceRow, after: Balance, lines: str | None = None
+) -> Finding:
     """Return a finding with the numbers of its row before and after the changes."""
     is_rolling = row.row.startswith(ROLLING)
     if is_rolling and kind == "unexplained":
@@ -217,7 +218,7 @@ def _in_lines(final: Edits, edits: Edits, text: MjcfText) -> str:
     return "; ".join(parts)
 
 
-def ask_driven(robot: OwnRobot) -> list[Finding]:
+def _ask_driven(robot: OwnRobot) -> list[Finding]:
     """Return a question where wheels have no servo although others have."""
     if robot.driven.all():
         return []

@@ -15,8 +15,8 @@ import numpy as np
 
 from ssmr.errors import DivergedError
 from ssmr.types import Commands, State
-from validation.descriptions.balance import TURN, Row, in_words
-from validation.descriptions.causes import Competition, ask_driven, together
+from validation.descriptions.balance import TURN, BalanceRow, in_words
+from validation.descriptions.causes import Competition, together
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
 from validation.descriptions.mjcf_text import MjcfText
@@ -57,6 +57,8 @@ class Examined(NamedTuple):
     """What robot.json says of it; None for a number that no trial could show."""
     loads: Sequence[float] = ()
     """Loads of the four wheels at rest [N]; empty where it does not stand."""
+    balance: Sequence[BalanceRow] = ()
+    """Rows of what is there beside what mechanics says."""
     mended: str | None = None
     """The file with the changes that help; None where there are none."""
 
@@ -100,11 +102,12 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
         )
     measures = robot.measures
     kept = competition.kept
-    findings = [*competition.findings(known), *ask_driven(robot)]
+    findings = competition.findings(known)
     return Examined(
         sentences=[in_words(measures), *notes],
         findings=findings,
-        numbers=own_physics(measures) | {"balance": competition.rows()},
+        balance=competition.rows(),
+        numbers=own_physics(measures),
         loads=[measures[load] for load in LOADS if load in measures],
         mended=text.edited(together(kept)) if text and kept else None,
     )
@@ -143,9 +146,9 @@ def examine_model(robot: Robot) -> Examined:
         "turning_multiplier": turn.get("multiplier"),
         "yaw_ripple": turn.get("ripple"),
         "apparent_mass_kg": apparent_mass(plant.model),
-        "balance": [row.as_dict() for row in _model_rows(robot, loads, turn)],
     }
-    return Examined([], _model_findings(robot, turn), numbers, loads)
+    rows = _model_rows(robot, loads, turn)
+    return Examined([], _model_findings(robot, turn), numbers, loads, balance=rows)
 
 
 def _standing_loads(plant: MujocoPlant) -> list[float]:
@@ -180,19 +183,21 @@ def _slow_spin(calibration: Calibration) -> dict[str, float]:
     return measure_spin(motion, stiff)
 
 
-def _model_rows(robot: Robot, loads: list[float], turn: Mapping[str, float]) -> list[Row]:
+def _model_rows(robot: Robot, loads: list[float], turn: Mapping[str, float]) -> list[BalanceRow]:
     """Return the balance of a robot's MuJoCo model: its loads and its slow turn."""
     weight = robot.mass * GRAVITY
-    rows = [Row("load of all wheels", sum(loads), weight, "N", weight)]
+    rows = [BalanceRow("load of all wheels", sum(loads), weight, "N", weight)]
     for name, load, share in zip(WHEELS, loads, load_shares(robot).tolist(), strict=True):
         words = name.replace("_", " ")
-        rows.append(Row(f"load of the {words} wheel", load, share * weight, "N", 0.25 * weight))
+        rows.append(
+            BalanceRow(f"load of the {words} wheel", load, share * weight, "N", 0.25 * weight)
+        )
     spot = spot_turn(robot)
     if spot is not None and spot.yaw_rate > 0.0:
         found = 90.0 / turn.get("multiplier", math.inf)
-        rows.append(Row(TURN, found, 90.0 / spot.multiplier, "°", 90.0 / spot.multiplier))
+        rows.append(BalanceRow(TURN, found, 90.0 / spot.multiplier, "°", 90.0 / spot.multiplier))
     on_ground = 1.0 - turn["lifted_share"]
-    return [*rows, Row("time of the wheels on the ground", on_ground, 1.0, "", 1.0, 0.01)]
+    return [*rows, BalanceRow("time of the wheels on the ground", on_ground, 1.0, "", 1.0, 0.01)]
 
 
 def _model_findings(robot: Robot, turn: Mapping[str, float]) -> list[Finding]:

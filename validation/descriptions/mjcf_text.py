@@ -52,8 +52,8 @@ class MjcfText:
         self._walk(spec.worldbody, bodies)
         acting = [part for section in root.findall("actuator") for part in section]
         self._pair_up("actuator", spec.actuators, acting)
-        pairs = [pair for section in root.findall("contact") for pair in section.findall("pair")]
-        ties = [tie for section in root.findall("equality") for tie in section]
+        pairs = root.findall("contact/pair")
+        ties = root.findall("equality/*")
         for kind, elements in (("pair", pairs), ("equality", ties)):
             for number, element in enumerate(elements):
                 self._parts[kind, str(number)] = self._tags[id(element)]

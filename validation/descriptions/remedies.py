@@ -143,7 +143,7 @@ def _inputs(robot: OwnRobot, text: MjcfText) -> Remedy:
 
 
 # ------------------------------------------------------------------- tyres and ground
-def tyre_parts(robot: OwnRobot) -> list[Part]:
+def _tyre_parts(robot: OwnRobot) -> list[Part]:
     """Return what says the contact of each tyre: its pairs, else its shape."""
     parts = list[Part]()
     for drum in filter(None, robot.tyres):
@@ -157,7 +157,7 @@ def tyre_parts(robot: OwnRobot) -> list[Part]:
 def _torsion(robot: OwnRobot, text: MjcfText) -> Remedy:
     model = robot.wheeled.model
     values = {}
-    for part in [*tyre_parts(robot), ("geom", robot.ground)]:
+    for part in [*_tyre_parts(robot), ("geom", robot.ground)]:
         kind, name = part
         dimension = model.pair_dim[int(name)] if kind == "pair" else robot.model.geom(name).condim
         values[part] = max(float(np.ravel(dimension)[0]), 3.0)
@@ -182,7 +182,7 @@ def _friction(robot: OwnRobot, text: MjcfText) -> Remedy:
     """Give tyres, or their contact pairs, one sliding friction in all directions."""
     model = robot.wheeled.model
     rows = {}
-    for part in tyre_parts(robot):
+    for part in _tyre_parts(robot):
         kind, name = part
         if part not in text:
             continue
@@ -236,7 +236,7 @@ def _soft(robot: OwnRobot, text: MjcfText) -> Remedy:
     }
     cause = "the contact is hard, so that wheels hop, or so soft that they sink"
     edits = {}
-    for part in tyre_parts(robot):
+    for part in _tyre_parts(robot):
         kind, name = part
         edits[part] = dict(soft)
         if kind == "geom":

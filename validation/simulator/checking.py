@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ssmr.robot.ground import SkidTurn, resting_shares, turn_on_the_spot
+from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
 from ssmr.types import FloatArray
 from validation.simulator.description import GRAVITY, Robot, Vector3
 
@@ -32,6 +32,17 @@ def whole_com(robot: Robot) -> Vector3:
     share = robot.base_mass / robot.mass
     x, y, z = robot.com
     return share * x, share * y, share * z + (1.0 - share) * robot.axle_height
+
+
+def resting_shares(wheelbase: float, track: float, x: float, y: float) -> FloatArray:
+    """Return the (4,) wheel loads over the weight [1] on equal springs and level ground.
+
+    The weight is x ahead and y to the left of the middle [m]. A negative share says that the robot
+    would fall over that wheel's opposite.
+    """
+    ahead = x * FRONT / (0.5 * wheelbase)
+    aside = y * LEFT / (0.5 * track)
+    return np.asarray(0.25 * (1.0 + ahead + aside))
 
 
 def load_shares(robot: Robot) -> FloatArray:

@@ -361,12 +361,27 @@ def test_a_large_file_is_read_as_a_small_one_is(
     path = tmp_path / "log.csv"
     path.write_text(text, encoding="utf-8", newline="")
     found: list[object] = []
-    for smallest in (1 << 22, 0):
+    for smallest, block in ((1 << 22, 1 << 21), (0, 1 << 21), (0, 24)):
         monkeypatch.setattr(tables, "_QUICK", smallest)
+        monkeypatch.setattr(tables, "_BLOCK", block)
         try:
             table = tables.read_csv_table(path)
             columns = [column.tobytes() for column in table.columns]
             found.append((columns, table.header, list(table.lines), list(table.bad)))
         except FileError as error:
             found.append(str(error))
-    assert found[0] == found[1]
+    assert found[0] == found[1] == found[2]
+
+
+def test_a_log_keeps_the_columns_of_a_large_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second copy of the numbers would double the memory that reading takes."""
+    path = tmp_path / "log.csv"
+    path.write_text("t,x,y\n" + "".join(f"{k},{k}.5,{-k}\n" for k in range(100)))
+    monkeypatch.setattr(tables, "_QUICK", 0)
+    read = tables.read_csv_table(path)
+    columns = dict(zip(read.header, read.columns, strict=True))
+    log = Log.of_columns(path, columns)
+    for name, values in log.columns.items():
+        assert np.shares_memory(values, columns[name])

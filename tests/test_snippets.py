@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -51,6 +53,7 @@ compare("traj4").motion(0)
 """Each call has one mistake."""
 
 
+@pytest.mark.slow
 def test_what_users_copy_passes_the_type_checker(tmp_path: Path) -> None:
     shown = [*snippets(), ("accepted", ACCEPTED), ("refused", REFUSED)]
     for name, code in shown:

@@ -7,23 +7,25 @@ warns of columns that are not to be trusted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.files.checks import checked
 from validation.files.columns import POSE_COLUMNS
 from validation.files.formats import AnyLog, read_log
-from validation.files.log import PLAIN, Log, LogFault, ReadOptions
+from validation.files.hypotheses import judged
+from validation.files.log import PLAIN, Group, Log, LogFault, ReadOptions
 from validation.files.motion import ENCODERS, TWIST, Jumps
 from validation.files.offsets import Offset, estimate_offsets
+from validation.files.plain_faults import FACTS, too_large
 from validation.files.reading import FileError
 from validation.files.sensors import Signals
-from validation.files.signals import BoolArray, moving_mean, nearest
+from validation.files.signals import COMMAND_TIMEOUT, BoolArray, moving_mean, nearest
 
 _REST_V = 0.01
 """A robot stands if its wheels' speed, averaged over `2 _REST_MARGIN`, is below this [m/s]; noisy
@@ -64,6 +66,8 @@ _TURNED = 0.4
 """Change of heading below which a log hardly turns [rad]."""
 _SLOW = 0.03
 """Speed below which wheels and localisers tell little but noise [m/s]."""
+_UNSURE = 0.02
+"""Error of the robot's width, over it, from which turns to one side do not suffice [1]."""
 _STEADY = 0.05
 """Deviation of speed and yaw rate, over their means, of a constant circle [1]."""
 
@@ -145,10 +149,27 @@ class Faults:
         return notes
 
 
+def _list_faults(signals: Signals) -> Iterator[LogFault]:
+    """Yield what single columns show, and then what explains all that are left."""
+    for fact in FACTS:
+        for fault in fact(signals):
+            yield fault
+            if signals.log.columns.keys() <= {*fault.columns}:
+                return
+            signals = signals.without(fault.columns)
+    blamed = set[str]()
+    for fault in judged(signals):
+        yield fault
+        blamed |= {*fault.columns}
+    for fault in too_large(signals):
+        if not blamed & {*fault.columns}:
+            yield fault
+
+
 def find_faults(signals: Signals) -> Faults:
     """Return the faults of a log."""
     log = signals.log
-    faults = (*log.faults, *checked(signals))
+    faults = (*log.faults, *_list_faults(signals))
     share = _uncommanded_share(signals)
     frozen = chain(*(fault.columns for fault in faults if fault.kind == "frozen"))
     dead = [*frozen, *(TWIST if share and log.has(TWIST) else ())]
@@ -239,7 +260,31 @@ def open_log(given: AnyLog, options: ReadOptions = PLAIN, radius: float | None =
 
     The arguments and errors are those of `read_log`.
     """
-    return Inspected(read_log(given, options, radius), radius)
+    return Inspected(_with_held_commands(read_log(given, options, radius)), radius)
+
+
+def _with_held_commands(log: Log) -> Log:
+    """Return a log whose commands are logged at least every quarter of a second.
+
+    Where none is like the one before, and they are rare, they were logged when they changed, and
+    each holds until the next one.
+    """
+    group = log.groups.get("cmd")
+    if group is None or group.period < COMMAND_TIMEOUT:
+        return log
+    table = np.column_stack(list(group.columns.values()))
+    if np.any(np.all(table[1:] == table[:-1], axis=1)):
+        return log
+    between = np.arange(group.t[0], group.t[-1], 0.5 * COMMAND_TIMEOUT)
+    t = np.union1d(group.t, between)
+    last = np.searchsorted(group.t, t, side="right") - 1
+    columns = {name: values[last] for name, values in group.columns.items()}
+    remark = (
+        f"commands were logged when they changed, every {group.period:.2g} s in the median: each "
+        "is held until the next one"
+    )
+    groups = {**log.groups, "cmd": Group(group.source, t, columns)}
+    return replace(log, groups=groups, remarks=(*log.remarks, remark))
 
 
 def too_short(longest: float) -> list[str]:
@@ -287,10 +332,25 @@ def _find_lacks(signals: Signals) -> Iterator[str]:
     elif extent < _STANDS:
         yield "the robot only turns on the spot: drive ahead and curves too"
     else:
-        yield from _uniform_motions(speed, rate)
+        yield from _uniform_motions(signals, speed, rate)
 
 
-def _uniform_motions(speed: FloatArray, rate: FloatArray) -> Iterator[str]:
+def _unsure_width(signals: Signals) -> float:
+    """Return the standard error of the robot's width, over it, that wheels and poses leave [1]."""
+    if signals.wheels is None or signals.along is None:
+        return math.inf
+    moved = np.column_stack([signals.along, signals.means["yaw"]])
+    errors = []
+    for side in signals.wheels:
+        factors = np.linalg.lstsq(moved, side)[0]
+        # windows overlap by half
+        variance = 2.0 * np.mean((side - moved @ factors) ** 2)
+        spread = math.sqrt(variance * np.linalg.pinv(moved.T @ moved)[1, 1])
+        errors.append(spread / max(abs(float(factors[1])), 1e-9))
+    return max(errors)
+
+
+def _uniform_motions(signals: Signals, speed: FloatArray, rate: FloatArray) -> Iterator[str]:
     """Yield what is too uniform in (N,) speeds [m/s] and yaw rates [rad/s] of a log."""
     moving = speed > _SLOW
     if np.mean(moving) < 0.2 and np.percentile(speed, 98.0) < 2.0 * _SLOW:
@@ -303,5 +363,5 @@ def _uniform_motions(speed: FloatArray, rate: FloatArray) -> Iterator[str]:
         yield "the robot drives one constant circle: change speed and radius, and turn both ways"
         return
     sides = [float(np.sum(w[w > 0.0])), -float(np.sum(w[w < 0.0]))]
-    if min(sides) < 0.02 * max(sides):
+    if min(sides) < 0.02 * max(sides) and _unsure_width(signals) > _UNSURE:
         yield "the robot turns to one side only, so left and right wheels are mixed: turn both ways"

@@ -155,6 +155,10 @@ class LogFault:
     """Columns that it is in, or may be in."""
     sentence: str
     """Sentence on the fault."""
+    from_s: float | None = None
+    """When it begins, where it does not hold for the whole log [s]."""
+    to_s: float | None = None
+    """When it ends, likewise [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)

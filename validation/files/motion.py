@@ -124,7 +124,12 @@ def ways_of(group: Group) -> dict[str, Way]:
         elif name in RATES:
             new = refreshed(group.t, column)
             t = new_samples(new, group.t)
-            ways[name] = t, integrate_rates(t, new_samples(new, values))
+            rates = new_samples(new, values)
+            if name in COMMAND_COLUMNS["twist"]:  # which hold until the next one
+                steps = rates[:-1] * np.diff(t)
+                ways[name] = t, np.cumulative_sum(steps, include_initial=True)
+            else:
+                ways[name] = t, integrate_rates(t, rates)
     return ways
 
 

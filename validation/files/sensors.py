@@ -9,7 +9,7 @@ late one group is behind another.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -44,13 +44,15 @@ _SHORT_S = 60.0
 """Length of a log from which the times above hold [s]; of a shorter one they are parts."""
 _MOST = 4000
 """Number of windows that suffices, and length of the headings that are compared [s]."""
+_VARIES = 0.25
+"""Deviation of a rate over its mean from which it varies [1]."""
 _FINE_S = 0.1
 """Time between the headings that are compared [s]."""
 LONGEST_S = 60.0
 """Longest difference of two clocks that is looked for [s]."""
 FEWEST_WINDOWS = 20
 """Number of windows from which they say anything of signals."""
-_WINDOWED = ("wheels", "odom", "imu", "cmd", "pose")
+_WINDOWED = ("wheels", "odom", "pose", "imu", "cmd")
 """Groups that tell of motion, in the order in which each is brought to the time of the first."""
 Means = Mapping[str, FloatArray]
 """(N,) means over windows by column: rates; of x, y and yaw their rates of change, and `heading`,
@@ -131,9 +133,23 @@ class Signals:
         return ways
 
     @cached_property
+    def windows(self) -> Windows:
+        """The windows, see `windows_of`."""
+        return windows_of(self.log.groups, self.ways)
+
+    @property
     def means(self) -> Means:
-        """The means over windows, see `window_means`."""
-        return window_means(self.log.groups, self.ways)
+        """The means over windows."""
+        return self.windows.means
+
+    @cached_property
+    def noise(self) -> Mapping[str, float]:
+        """Noise of the rates of poses in a window, by column."""
+        if self.poses is None or len(self.poses.t) < 8 or not self.means:
+            return {}
+        width = self.windows.width
+        rough = np.median(np.abs(np.diff(self.poses.pose, 3, axis=0)), axis=0) / 3.0
+        return dict(zip(POSE_COLUMNS, (1.5 * rough / width).tolist(), strict=True))
 
     @property
     def turning(self) -> FloatArray | None:
@@ -157,11 +173,16 @@ class Signals:
         These are correlations of their sizes about their means; none where nothing varies.
         """
         speeds, turns = motion_by_sensor(self.means)
+        path = None
+        if {"x", "y"} <= self.means.keys():
+            path = np.hypot(self.means["x"], self.means["y"])  # whatever the heading
         alike = []
-        for told, measured in ((turns, self.turning), (speeds, self.along)):
+        for told, measured in ((turns, self.turning), (speeds, path)):
             a = told.get("wheels", told.get("odom"))
             if a is not None and measured is not None:
-                if min(np.std(a), np.std(measured)) > 1e-4:
+                # what hardly varies says nothing about its mean
+                varies = min(np.std(a), np.std(measured)) > 1e-4
+                if varies and np.std(a) > _VARIES * abs(np.mean(a)):
                     alike.append(centred(np.abs(a), np.abs(measured)))
         return alike
 
@@ -177,8 +198,30 @@ class Signals:
 
 
 # ------------------------------------------------------------------------------------------ windows
-def window_means(every: Mapping[str, Group], told: Mapping[str, Way]) -> Means:
-    """Return the means over windows on the clock of the first group; none where there are too few.
+class Windows(NamedTuple):
+    """Windows of a log, N of them, in which all groups tell something."""
+
+    t: FloatArray
+    """(N,) their middles on the clock of the first group [s]."""
+    at: Mapping[str, FloatArray]
+    """By group, (N,) the same on its own clock [s]."""
+    width: float
+    """Their length [s]."""
+    means: Means
+    """Means of the columns."""
+
+    def means_of(
+        self, ways: Mapping[str, Way], group: str, late: FloatArray | float = 0.0
+    ) -> Means:
+        """Return the means of other ways of a group, so much later than the group is [s]."""
+        return _window_means(ways, self.at[group] + late, self.width)
+
+
+_NONE = Windows(np.empty(0), {}, _WINDOW_S, {})
+
+
+def windows_of(every: Mapping[str, Group], told: Mapping[str, Way]) -> Windows:
+    """Return windows on the clock of the first group; none where there are too few.
 
     Each of the groups is brought to the time of the first. At least two groups must overlap for
     `FEWEST_WINDOWS` outside their gaps.
@@ -187,34 +230,47 @@ def window_means(every: Mapping[str, Group], told: Mapping[str, Way]) -> Means:
         every: groups by name.
         told: ways of their columns.
     """
-    groups = [every[name] for name in _WINDOWED if name in every]
+    there = [name for name in _WINDOWED if name in every]
+    # one side of wheels alone tells neither a way nor a turn
+    there.sort(key=lambda name: name == "wheels" and not {*ENCODERS} <= every[name].columns.keys())
+    groups = {name: every[name] for name in there}
     if len(groups) < 2:
-        return {}
-    start = max(g.t[0] for g in groups)
-    stop = min(g.t[-1] for g in groups)
-    period = min(g.period for g in groups)
+        return _NONE
+    start = max(g.t[0] for g in groups.values())
+    stop = min(g.t[-1] for g in groups.values())
+    period = min(g.period for g in groups.values())
     unit = max(min(1.0, (stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
     # windows that are moved by the longest lag stay within all groups
     margin = unit * (_WINDOW_S + abs(_LAGS[-1]))
-    n = min(_MOST, math.floor((stop - start - 2.0 * margin) / (unit * _STEP_S)))
+    n = math.floor((stop - start - 2.0 * margin) / (unit * _STEP_S))
     if n < FEWEST_WINDOWS:
-        return {}
-    middles = start + margin + unit * _STEP_S * np.arange(n)
+        return _NONE
+    # those of a log of hours lie apart
+    middles = start + margin + unit * _STEP_S * np.arange(0, n, math.ceil(n / _MOST))
+    n = len(middles)
     means = dict[str, FloatArray]()
+    clocks = dict[str, FloatArray]()
     usable = np.ones(n, dtype=bool)
-    bases = list[FloatArray]()
-    for group in groups:
+    bases = list[tuple[FloatArray, FloatArray]]()
+    for name, group in groups.items():
         ways = {name: told[name] for name in group.columns if name in told}
-        at = middles + (_group_delay(ways, middles, bases, unit) if means else 0.0)
-        means |= _window_means(ways, at, unit)
+        if not ways:
+            continue
+        # behind the one that tells most of it: one of them may tell another motion
+        explained = [_group_delay(ways, middles, basis, unit) for basis in bases]
+        at = middles + max(explained, default=(0.0, 0.0))[1]
+        clocks[name] = at
+        own = _window_means(ways, at, unit)
+        means |= own
         usable &= ~group.in_gaps(at, -0.5 * unit)
-        if means and not bases:
-            rates = np.column_stack(list(means.values()))
-            products = np.einsum("ni,nj->nij", rates, rates).reshape(n, -1)
-            bases = [np.linalg.qr(basis)[0] for basis in (rates, products)]
+        rates = np.column_stack(list(own.values()))
+        products = np.einsum("ni,nj->nij", rates, rates).reshape(n, -1)
+        bases.append((np.linalg.qr(rates)[0], np.linalg.qr(products)[0]))
     if np.count_nonzero(usable) < FEWEST_WINDOWS:
-        return {}
-    return {name: values[usable] for name, values in means.items()}
+        return _NONE
+    found = {name: values[usable] for name, values in means.items()}
+    kept = {name: stamps[usable] for name, stamps in clocks.items()}
+    return Windows(middles[usable], kept, unit, found)
 
 
 def _window_means(
@@ -232,16 +288,23 @@ def _window_means(
 
 
 def _group_delay(
-    ways: Mapping[str, Way], middles: FloatArray, bases: Sequence[FloatArray], unit: float
-) -> float:
-    """Return the delay of a group's columns [s] at which the others explain most of them.
+    ways: Mapping[str, Way],
+    middles: FloatArray,
+    bases: tuple[FloatArray, FloatArray],
+    unit: float,
+) -> tuple[float, float]:
+    """Return how much of a group's columns another one explains, and the delay for that [s].
 
-    Signs and units do not matter. Rates are explained by the rates of another group, the square of
-    a speed of positions by their products; `bases` has an orthonormal basis of each.
+    Signs and units do not matter. Rates are explained by the rates of another group, their squares
+    and that of a speed of positions by their products; `bases` has an orthonormal basis of each.
     """
 
     def share(values: FloatArray, basis: FloatArray) -> float:
         return float(np.sum((values @ basis) ** 2)) / max(float(values @ values), 1e-12)
+
+    def known(values: FloatArray) -> float:
+        # where sides change places, only the square stays the same
+        return share(values, bases[0]) + share(values**2, bases[1])
 
     def explained(lag: float) -> float:
         means = _window_means(ways, middles + unit * lag, unit)
@@ -249,9 +312,10 @@ def _group_delay(
         of_speed = 0.0
         if {"x", "y"} <= means.keys():
             of_speed = share(means["x"] ** 2 + means["y"] ** 2, bases[1])
-        return of_speed + sum(share(values, bases[0]) for values in rates)
+        return of_speed + sum(map(known, rates))
 
-    return unit * max(_LAGS, key=explained)
+    lag = max(_LAGS, key=explained)
+    return explained(lag), unit * lag
 
 
 class Turns(NamedTuple):

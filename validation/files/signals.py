@@ -13,7 +13,7 @@ BoolArray = NDArray[np.bool_]
 TIME_ROUNDOFF = 1e-6
 """Instants closer than this are the same one: well over rounding, well under any sample step
 [s]."""
-_COMMAND_TIMEOUT = 0.5
+COMMAND_TIMEOUT = 0.5
 """Age from which a command no longer counts [s]: a driver stops a robot that gets no commands any
 more."""
 _STILL_AFTER = 1.0
@@ -32,7 +32,7 @@ def held(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
     last = np.searchsorted(stamps, t + TIME_ROUNDOFF, side="right") - 1
     at = np.maximum(last, 0)
     age = t - stamps[at]
-    return np.where((last >= 0) & (age <= _COMMAND_TIMEOUT + TIME_ROUNDOFF), values[at], 0.0)
+    return np.where((last >= 0) & (age <= COMMAND_TIMEOUT + TIME_ROUNDOFF), values[at], 0.0)
 
 
 def fresh_poses(t: FloatArray, pose: FloatArray) -> BoolArray:

@@ -19,11 +19,11 @@ import numpy as np
 
 from ssmr.geometry import compose_poses
 from ssmr.types import MOTOR_COLUMNS, TORQUES, FloatArray
-from validation.files.circular import circular
 from validation.files.columns import BESIDE_MOTION, POSE_COLUMNS, WHEEL_SIDES, side_of, trust_in
 from validation.files.log import Group, Log, Topic
 from validation.files.messages import TRANSFORM
 from validation.files.motion import ENCODERS
+from validation.files.plain_faults import circular
 from validation.files.reading import FileError, quoted
 from validation.files.sensors import Signals
 
@@ -31,6 +31,8 @@ _GOALS = re.compile(r"goal|target|waypoint|initial_?pose|set_?pose|desired|set_?
 """Parts of the names of poses where nobody is."""
 _MOVED_M = 0.3
 """Extent of the poses of a robot that moves [m]."""
+_STILL = 0.05
+"""Range of the rates of wheels or odometry [rad/s, m/s] below which they tell no motion."""
 _ALIKE = 0.5
 """Correlation of the motions that two topics of one robot tell [1]."""
 _ODOMETRY = {"odom_v": "v", "odom_w": "w"}
@@ -208,7 +210,10 @@ def _signals_of_poses(poses: Topic, chosen: Mapping[str, Topic]) -> Signals:
     ):
         topic = chosen.get(role)
         if len(groups) < 2 and topic is not None and topic is not poses:
-            groups[role] = _named_group(topic, names)
+            group = _named_group(topic, names)
+            # what tells no motion at all is no witness
+            if any(np.ptp(values) > _STILL for values in group.columns.values()):
+                groups[role] = group
     return Signals(Log(Path(poses.name), groups))
 
 

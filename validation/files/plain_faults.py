@@ -1,0 +1,300 @@
+"""What single columns of a log show to be wrong, whatever the motion was.
+
+One column twice, one that keeps its value, numbers that are too large, wheels or a pose that follow
+from other columns as no sensor does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ssmr.types import FloatArray, IndexArray
+from validation.files.columns import POSE_COLUMNS, column_of, trust_in
+from validation.files.log import LogFault
+from validation.files.motion import ENCODERS, ODOMETRY, TWIST, NewPoses, Way, motion_by_sensor
+from validation.files.sensors import Signals
+from validation.files.signals import TIME_ROUNDOFF
+
+_MOVES = 0.1
+"""Rate from which a robot moves [m/s, rad/s]."""
+
+
+def same_columns(e: Signals) -> Iterator[LogFault]:
+    """Both wheels from one column, although the robot turns."""
+    if e.wheels is not None and e.turning is not None and np.array_equal(*e.wheels):
+        if np.mean(np.abs(e.turning) > _MOVES) > 0.1:
+            sentence = "enc_left and enc_right are the same numbers, although the robot turns"
+            yield LogFault("same", ENCODERS, sentence)
+
+
+def set_points(e: Signals) -> Iterator[LogFault]:
+    """Wheel rates that follow from the commands exactly, as set points do."""
+    wheels = e.log.groups.get("wheels")
+    commands = e.log.groups.get("cmd")
+    if wheels is None or commands is None or not e.log.has((*ENCODERS, *TWIST)):
+        return
+    now = np.searchsorted(commands.t, wheels.t, side="right") - 1
+    rates = np.column_stack([wheels.columns[name] for name in ENCODERS])[now >= 0]
+    twists = np.column_stack([commands.columns[name] for name in TWIST])
+    size = np.std(rates, axis=0)
+    for late in (0, 1):
+        asked = twists[np.maximum(now[now >= 0] - late, 0)]
+        rest = np.abs(asked @ np.linalg.lstsq(asked, rates)[0] - rates)
+        if np.all(size > 0.1) and np.all(np.percentile(rest, 98.0, axis=0) < 1e-3 * size):
+            sentence = (
+                "enc_left and enc_right follow from cmd_v and cmd_w exactly: they are set points, "
+                "and not what encoders measured"
+            )
+            yield LogFault("setpoints", ENCODERS, sentence)
+            return
+
+
+_FROZEN = 0.2
+"""Share of the windows with motion from which a column that keeps its value is frozen [1];
+localisers stall for less."""
+_TYPICAL = {"wheels": 1.89, "cmd": 2.3}
+"""Ratio of the turn that a sensor tells to the robot's, in most logs."""
+
+
+def frozen(e: Signals) -> Iterator[LogFault]:
+    """Columns that keep their value for long while others say that the robot moves."""
+    speeds, turns = motion_by_sensor(e.means)
+    shares = {}
+    for name, values in e.log.columns.items():
+        own = column_of(name).group
+        others = [np.nan_to_num(speeds[sensor]) for sensor in speeds if sensor != own]
+        others += [
+            np.nan_to_num(turns[sensor]) / _TYPICAL.get(sensor, 1.0)
+            for sensor in turns
+            if sensor != own
+        ]
+        known = column_of(name).usual < math.inf or name in POSE_COLUMNS
+        if not others or not known or name in TWIST:  # joysticks command nothing
+            continue
+        rate = e.means.get(name)
+        if rate is None:
+            if np.ptp(values) > 0.0:
+                continue
+            # currents and accelerations are noisy
+            rate = np.zeros(len(others[0]))
+        moves = np.median(np.abs(others), axis=0) > _MOVES
+        kept = rate == 0.0
+        if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
+            varies = np.median(_changes(others), axis=0) > 0.3 * _MOVES
+            moves &= varies | kept
+            kept = _changes(rate) < 1e-12
+        if name in ENCODERS:
+            # where both sides are kept, they may be set points, or the robot stands and its
+            # localiser does not
+            kept &= _changes(e.means.get(ENCODERS[name == ENCODERS[0]], rate)) > 1e-12
+        n = np.count_nonzero(moves & kept)
+        moving = np.count_nonzero(moves)
+        if n > max(5, _FROZEN * moving):
+            shares[name] = 100.0 * n / moving
+    if shares:
+        words = ", ".join(f"{name} for {share:.0f} %" for name, share in shares.items())
+        what = f"the same value in much of the time in which the robot moves: {words}"
+        yield LogFault("frozen", tuple(shares), what)
+
+
+def _changes(values: object) -> FloatArray:
+    """Return the sizes of the steps of (..., N) numbers; NaN for the first."""
+    return np.abs(np.diff(np.asarray(values, dtype=np.float64), prepend=math.nan))
+
+
+def degrees_of_latitude(e: Signals) -> Iterator[LogFault]:
+    """Positions that are degrees on the earth: far from zero, and in a spot that is tiny."""
+    way = next((told.speed for told in e.told.values() if told.speed is not None), None)
+    if way is None or not e.log.has(("x", "y")):
+        return
+    xy = np.array([e.log.columns[name] for name in ("x", "y")])
+    extent = float(np.max(np.ptp(xy, axis=1)))
+    on_earth = np.all(np.abs(xy) <= 180.0) and np.max(np.abs(xy)) > 1e3 * extent
+    if on_earth and 0.0 < extent < 0.1 and np.median(np.abs(way)) > _MOVES * extent:
+        sentence = (
+            f"x and y keep within {extent:.2g} about {np.mean(xy[0]):.4g} and {np.mean(xy[1]):.4g} "
+            "while the wheels drive: they are degrees of latitude and longitude; metres east and "
+            "north are wanted"
+        )
+        yield LogFault("scale", ("x", "y"), sentence)
+
+
+def too_large(e: Signals) -> Iterator[LogFault]:
+    """Numbers that are larger than a robot's can be."""
+    for name, values in e.log.columns.items():
+        column = column_of(name)
+        greatest = float(np.abs(values).max())
+        if greatest > column.usual:
+            sentence = (
+                f"{name} reaches {greatest:.4g} {column.unit}, "
+                f"more than {column.usual:g}: it may be in {column.others}"
+            )
+            yield LogFault("scale", (name,), sentence)
+
+
+# ------------------------------------------------------------------------------------------
+# a pose that follows
+_WINDOW_S = 6.0
+"""Length of the windows over which ways and turns are compared [s]."""
+_FEWEST = 8
+"""Number of windows with motion from which they tell anything."""
+_MOVED = 0.03
+"""Mean speed [m/s] or yaw rate [rad/s] in a window from which the robot moved."""
+_SHORT_S = 0.6
+"""Length of the windows that show the noise of a localiser [s]."""
+_FOLLOWS = 0.004
+"""Error of a way [m] and of a turn [rad] of `_WINDOW_S` below which they follow from rates: wheels
+that slip make more."""
+_QUIET = 1.5e-4
+"""Noise of a sample [m, rad] that no localiser reaches: half of that of motion capture."""
+_NEARER = 0.4
+"""Error of turns by wheels over that by a gyro below which a heading is made of the wheels."""
+_SOUND_GYRO = 0.01
+"""Error of turns of `_WINDOW_S` by a gyro that is sound [rad]."""
+_FOLLOWS_TWIST = 0.015
+"""The same for the speeds in the messages of the poses themselves, which are only some of those
+that were integrated."""
+_MOST_LAG = 0.4
+"""Longest delay between poses and rates that is tried [s]."""
+_FINER = (0.02, 0.01, 0.005, 0.0025, 0.00125)
+"""Steps in which the best delay is refined [s]."""
+
+
+_Ways = Sequence[Way]
+"""Sums of rates from which something may follow, each times a factor."""
+
+
+def _possible_origins(signals: Signals) -> Iterator[tuple[tuple[str, ...], _Ways, _Ways]]:
+    """Yield columns from which poses may follow, their sums for ways and those for turns.
+
+    They are the wheels and the odometry, each alone and with a gyro, and the commands.
+    """
+    ways = signals.ways
+    for names in (ENCODERS, ODOMETRY, TWIST):
+        if not {*names} <= ways.keys():
+            continue
+        own = [ways[name] for name in names]
+        yield names, own, own
+        if "gyro_z" in ways and names != TWIST:
+            t, turned = ways["gyro_z"]
+            yield (*names, "gyro_z"), own, [(t, turned), (t, t)]
+
+
+def _window_errors(
+    poses: NewPoses, speeds: _Ways, turns: _Ways, window: float
+) -> tuple[float, float] | None:
+    """Return the median errors of ways [m] and turns [rad] of a window that rates tell.
+
+    The factors of the rates, and the delays of positions and headings behind them, are those that
+    fit best. None where the robot hardly moves.
+
+    Args:
+        poses: the new poses.
+        speeds: sums that their ways may follow from.
+        turns: sums that their turns may follow from.
+        window: length of the windows [s].
+    """
+    start = max(stamps[0] for stamps, _ in (*speeds, *turns))
+    stop = min(stamps[-1] for stamps, _ in (*speeds, *turns))
+    inside = (poses.t > start + _MOST_LAG) & (poses.t < stop - _MOST_LAG)
+    t = poses.t[inside]
+    if len(t) < _FEWEST:
+        return None
+    x, y, yaw = poses.pose[inside].T
+    half = 0.5 * np.diff(yaw)
+    middle = yaw[:-1] + half
+    # arcs: a chord times what bends it
+    chords = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)
+    arcs = chords / np.sinc(np.clip(half / np.pi, -0.5, 0.5))
+    way = np.cumulative_sum(arcs, include_initial=True)
+    starts = np.searchsorted(t, np.arange(t[0], t[-1] - window, 0.5 * window))
+    ends = np.searchsorted(t, t[starts] + window - TIME_ROUNDOFF)
+    ends = np.minimum(ends, len(t) - 1)
+    spans = np.column_stack([starts, ends])[t[ends] - t[starts] < 1.2 * window]
+    if len(spans) < _FEWEST:
+        return None
+    along = _median_error(t, way, spans, speeds)
+    turned = _median_error(t, yaw, spans, turns)
+    return None if along is None or turned is None else (along, turned)
+
+
+def _median_error(
+    t: FloatArray, values: FloatArray, spans: IndexArray, ways: _Ways
+) -> float | None:
+    """Return the median error with which (M,) values at (M,) stamps [s] follow from sums of rates.
+
+    `spans` has the (W, 2) first and last samples of windows. None where the values hardly change.
+    """
+    rises = np.diff(values[spans])[:, 0]
+    moved = np.abs(rises) > _MOVED * np.median(np.diff(t[spans]))
+    if np.count_nonzero(moved) < _FEWEST:
+        return None
+
+    def error(lag: float) -> float:
+        at = t[spans] + lag
+        design = np.column_stack([np.diff(np.interp(at, *way))[:, 0] for way in ways])
+        rest = np.abs(design @ np.linalg.lstsq(design, rises)[0] - rises)
+        return float(np.median(rest[moved]))
+
+    lag = min(np.arange(-_MOST_LAG, _MOST_LAG + 0.01, 0.04).tolist(), key=error)
+    for step in _FINER:
+        lag = min((lag - step, lag, lag + step), key=error)
+    return error(lag)
+
+
+def circular(e: Signals) -> Iterator[LogFault]:
+    """A pose that follows from other columns of its log.
+
+    It has less noise of its own than any localiser, or follows wheels better than a gyro does.
+    """
+    poses = e.poses
+    if poses is None or trust_in(poses.group.source) <= 1:
+        return
+    measured = False
+    for names, speeds, turns in _possible_origins(e):
+        source = e.log.groups[column_of(names[0]).group].source
+        own = bool(e.log.topics) and source == poses.group.source
+        if own and measured:
+            continue  # a localiser tells its own speed, and wheels do not follow
+        errors = _window_errors(poses, speeds, turns, _WINDOW_S)
+        short = _window_errors(poses, speeds, turns, _SHORT_S)
+        measured |= errors is not None and names[0] in ENCODERS
+        if errors is None or short is None:
+            continue
+        most = _FOLLOWS_TWIST if own else _FOLLOWS
+        follows = max(errors) < most and (max(short) < 0.3 * most if own else _is_noiseless(poses))
+        way = f"{1e3 * errors[0]:.1f} mm and {math.degrees(errors[1]):.2f} deg in 6 s"
+        if names == ENCODERS and not follows and "gyro_z" in e.ways:
+            t, turned = e.ways["gyro_z"]
+            gyro = [(t, turned), (t, t)]
+            by_gyro = _window_errors(poses, speeds, gyro, _SHORT_S)
+            long = _window_errors(poses, speeds, gyro, _WINDOW_S)
+            if by_gyro is not None and long is not None and long[1] < _SOUND_GYRO:
+                follows = short[1] < _NEARER * by_gyro[1] and short[1] < errors[1]
+                way = (
+                    f"{1e3 * short[1]:.2f} mrad in {_SHORT_S:g} s, and from the gyro to "
+                    f"{1e3 * by_gyro[1]:.2f}"
+                )
+        if follows:
+            sentence = (
+                f"x, y and yaw follow from {' and '.join(names)} to {way}: the pose "
+                "is their integral, and says nothing of how the robot moved; take the pose of a "
+                "localiser"
+            )
+            yield LogFault("circular", POSE_COLUMNS, sentence)
+            return
+
+
+def _is_noiseless(poses: NewPoses) -> bool:
+    """Return whether poses have less noise than a localiser's, or no more than their digits."""
+    steps = np.abs(np.diff(poses.pose, axis=0))
+    rough = np.median(np.abs(np.diff(poses.pose, 3, axis=0)), axis=0) / 3.0
+    least = [np.min(column[column > 0.0], initial=1.0) for column in steps.T]
+    return bool(np.all(rough < np.maximum(_QUIET, 0.6 * np.array(least))))
+
+
+FACTS = (circular, same_columns, set_points, degrees_of_latitude, frozen)
+"""The tests that come before signals are compared, in their order."""

@@ -256,7 +256,7 @@ def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
 
 
 BY_RADIUS = {"wheels in km/h", "wheels in ft/s"}
-UNSEEN = {"sample": BY_RADIUS, "husky": BY_RADIUS, "warthog": {*BY_RADIUS, "cmd_v in ft/s"}}
+UNSEEN = {"sample": BY_RADIUS, "husky": BY_RADIUS, "warthog": BY_RADIUS}
 """Mistakes that do not show where nobody knows the radius of the wheels: such rates are those of a
 robot that does not skid. A wheel of 0.30 m turns by nearly as many rad/s as its rim makes km/h, or
 feet a second."""

@@ -39,7 +39,7 @@ _MOUNT = 0.14
 _ROUNDS = 6
 _RELATED = 0.5
 """Correlation from which the ratio of two signals tells something."""
-_BEYOND = 2.0
+_BEYOND = 3.0
 """Cost of each window of a ratio beyond the possible ones by a factor of e."""
 _MOST_BEYOND = 2.5
 """Logarithm of a ratio from which a greater one costs no more."""

@@ -187,7 +187,9 @@ def units(e: Evidence) -> Iterator[Idea]:
             if names == ("yaw",):
                 changed["heading"] = e.means["heading"] / factor
             words = _words_of_unit(names, told, factor, e)
-            yield Idea("scale", names, words, e.but(changed), 2.0, parts=True)
+            # wheels have any radius and any gear; of others, an odd factor is less likely
+            likely = names == ENCODERS or bool(_fitting_unit(names, factor, e.signals.radius))
+            yield Idea("scale", names, words, e.but(changed), 2.0 if likely else 4.0, parts=True)
 
 
 _PRECISIONS: Mapping[tuple[str, ...], float] = {

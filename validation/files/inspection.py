@@ -51,7 +51,7 @@ _BEFORE_COMMAND_S = 0.5
 """The same time before a command [s], as clocks of a log differ."""
 _FATAL = (
     *("sign", "swapped", "scale", "handedness", "circular", "positions", "setpoints"),
-    *("unrelated", "same", "frame", "counter"),
+    *("unrelated", "same", "frame", "counter", "disagree", "curvature", "clipped"),
 )
 """Kinds of faults with which no fit makes sense, as long as they are not put right."""
 _WINDOW_S = 6.0

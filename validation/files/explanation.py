@@ -1,328 +1,437 @@
-"""How well the signals of a log agree: one motion, told by several witnesses.
+"""The explanation of a log: the hypothesis after which its signals agree best.
 
-A log tells the yaw rate up to five times, by gyro, heading, odometry, the difference of the wheels
-and commands, the speed up to four times, and that a robot does not drive sideways once. Each
-witness tells the same motion, times a factor and plus an offset within what robots and sensors do.
-What is left over between two of them is judged by their ordinary noise: what they show of their
-own, a share of the motion, for wheels slip, and a lateness. `Evidence.costs` has the negative
-logarithm of the likelihood of it in each window, of a distribution with long tails.
+Those of `hypotheses` on signs, units and clocks compete with these, on what columns mean and on
+samples that tell nothing. One is named if it beats those that blame other columns by enough; else
+the log cannot say which of them is wrong.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import combinations
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
+from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray
-from validation.files.motion import ENCODERS, STOCK, motion_by_sensor
-from validation.files.sensors import Means, Signals
-from validation.files.signals import correlation
-
-UNTOLD = 2.0
-"""Cost of a window in which a signal tells nothing: a residual of 2.5 times the noise."""
-_FLOOR = 0.03
-"""Noise of every witness, over the motion that nine of ten windows stay below [1]."""
-_STANDS = {"turn": 0.01, "way": 0.005, "side": 0.005}
-"""The same of a robot that stands [rad/s, m/s]."""
-_LEVER_M = 0.5
-"""Distance of a localiser ahead of the middle of the robot that is nothing unusual [m]."""
-_PIVOT_M = 0.3
-"""Way of the point about which a robot that skids turns [m]."""
-_MOUNT = 0.14
-"""Angle between a path and its heading that is nothing unusual [rad]."""
-_ROUNDS = 6
-_RELATED = 0.5
-"""Correlation from which the ratio of two signals tells something."""
-_BEYOND = 3.0
-"""Cost of each window of a ratio beyond the possible ones by a factor of e."""
-_MOST_BEYOND = 2.5
-"""Logarithm of a ratio from which a greater one costs no more."""
+from validation.files.agreement import Agreement
+from validation.files.columns import POSE_COLUMNS, column_of
+from validation.files.hypotheses import (
+    SIGNS_UNITS_AND_CLOCKS,
+    Idea,
+    best_lag,
+    fit_factors,
+    other_motion,
+    seem,
+)
+from validation.files.log import LogFault
+from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST
+from validation.files.sensors import Signals
 
 
-class _Bounds(NamedTuple):
-    """What a witness ordinarily does."""
-
-    columns: tuple[str, ...]
-    least: float
-    """Smallest ratio to the true rate."""
-    typical: float
-    """Ratio of most logs."""
-    most: float
-    """Greatest ratio."""
-    share: float
-    """Noise over the rate [1]."""
-    late: float
-    """Lateness that varies [s]."""
-    offset: float = 0.0
-    """Greatest offset."""
-
-
-_TURNS = {
-    "imu": _Bounds(("gyro_z",), 0.93, 1.0, 1.07, 0.04, 0.1, 0.025),
-    "pose": _Bounds(("yaw",), 0.93, 1.0, 1.07, 0.04, 0.1),
-    "odom": _Bounds(("odom_w",), 0.6, 1.0, 4.0, 0.15, 0.2),
-    "wheels": _Bounds(ENCODERS, 0.78, 1.89, 7.5, 0.15, 0.2),
-    "cmd": _Bounds(("cmd_w",), 0.6, 2.3, 15.0, 0.35, 0.6),
-}
-"""By sensor, what it does as a witness of the yaw rate.
-
-The difference of the wheels' rates is 2 alpha b / r times the yaw rate, with alpha from 1.3 on
-where wheels skid: 6 to 9 where it was measured, whatever the size of the robot, and a stock Husky's
-b and r make a yaw rate of it. Commands of turning are not what the body does, nor is the odometry
-of wheels that skid."""
-_WAYS = {
-    "pose": _Bounds(("x", "y"), 0.85, 1.0, 1.18, 0.04, 0.1),
-    "odom": _Bounds(("odom_v",), 0.6, 1.0, 1.7, 0.12, 0.2),
-    "wheels": _Bounds(ENCODERS, 0.75, 1.0, 1.25, 0.12, 0.2),
-    "cmd": _Bounds(("cmd_v",), 0.6, 1.05, 2.7, 0.35, 0.6),
-}
-"""The same of the forward speed."""
-_ANY_WHEEL = 0.28, 5.4
-"""Ratios of wheels where the robot is not known and they are taken for a Husky's."""
+# --------------------------------------------------------------------------- meanings of columns
+def _other_meanings(e: Agreement) -> Iterator[Idea]:
+    """Columns that tell another quantity than their names say."""
+    means = e.means
+    for v, w in (TWIST, ODOMETRY):
+        if {v, w} <= means.keys():
+            words = f"{w} follows the curvature of the path: times {v} it tells the turn"
+            yield Idea("curvature", (w,), words, e.but({w: means[v] * means[w]}), 1.0)
+    sides = e.signals.wheels
+    if {*TWIST} <= means.keys():
+        left, right = (means[name] for name in TWIST)
+        twist = {"cmd_v": 0.5 * (left + right), "cmd_w": 0.5 * (right - left)}
+        words = "cmd_v and cmd_w follow the left and the right wheel: they command wheels"
+        if sides is not None:
+            size = STOCK.radius / STOCK.half_track
+            twist = {"cmd_v": STOCK.radius * twist["cmd_v"], "cmd_w": size * twist["cmd_w"]}
+        yield Idea("swapped", TWIST, words, e.but(twist), 1.0)
+    if {"x", "y"} <= means.keys():
+        group = e.signals.log.groups["pose"]
+        ways = {n: (group.t, integrate_rates(group.t, group.columns[n])) for n in ("x", "y")}
+        words = "the size of x and y follows the speed of the wheels: they are speeds"
+        yield Idea("swapped", ("x", "y"), words, e.but(e.signals.windows.means_of(ways, "pose")))
 
 
-_SIDE = frozenset({"x", "y", "yaw", "heading"})
+def _unsigned_rates(e: Agreement) -> Iterator[Idea]:
+    """Rates that tell no direction: never negative, although the robot drives backwards."""
+    speeds, turns = e.told
+    for name, sensor in (("cmd_v", "cmd"), ("odom_v", "odom")):
+        values = e.signals.log.columns.get(name)
+        others = [each for each in ("pose", "wheels", "odom") if each in speeds and each != sensor]
+        if values is None or values.min() < -0.01 * values.max() or not others:
+            continue
+        sign = np.sign(np.nan_to_num(speeds[others[0]], nan=1.0))
+        words = f"{name} is never negative, although the robot drives backwards: it has no sign"
+        yield Idea("sign", (name,), words, e.but({name: sign * e.means[name]}), -1.0)
+    raw = [e.signals.log.columns[name] for name in ENCODERS if e.signals.log.has((name,))]
+    if e.signals.wheels is None or "pose" not in speeds:
+        return
+    if any(values.min() < -0.01 * values.max() for values in raw):
+        return
+    v, w = speeds["pose"], turns["pose"]
+    changed = {}
+    for name in ENCODERS:
+        side = e.means[name]
+        # a rim's speed is v -+ b w; its square is linear in these
+        squares = np.column_stack([v**2, v * w, w**2])
+        known = np.isfinite(squares).all(axis=1) & np.isfinite(side)
+        factors = np.linalg.lstsq(squares[known], side[known] ** 2)[0]
+        if factors[0] <= 0.0:
+            return
+        changed[name] = side * np.sign(v + 0.5 * factors[1] / factors[0] * w)
+    words = (
+        "enc_left and enc_right are never negative, although the pose says that wheels turned "
+        "backwards: they tell no direction"
+    )
+    yield Idea("sign", ENCODERS, words, e.but(changed), -1.0)
 
 
-class Pair(NamedTuple):
-    """Two witnesses of one rate."""
-
-    what: str
-    """`turn`, `way` or `side`."""
-    a: str
-    b: str
-    columns: frozenset[str]
-    """Columns that tell it."""
-    factor: float
-    """Ratio of a to b over the typical one, whether possible or not [1]."""
-    cost: FloatArray
-    """(N,) cost of what is left over in each window; NaN where one tells nothing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What the signals tell in windows, and how well that agrees."""
-
-    signals: Signals
-    means: Means
-    kernels: Mapping[str, FloatArray]
-    """By sensor, what others are smoothed with before it is compared."""
-    known: Mapping[tuple[str, str, str], Pair]
-    """Pairs that are as they were."""
-    untold: float = UNTOLD
-    """Cost of a window in which a signal tells nothing."""
-
-    @classmethod
-    def of_log(cls, signals: Signals) -> Evidence:
-        """Return what a log tells as it stands."""
-        return cls(signals, signals.means, {}, {})
-
-    def but(
-        self, columns: Mapping[str, FloatArray], kernels: Mapping[str, FloatArray] | None = None
-    ) -> Evidence:
-        """Return the same with other means of some columns, or with sensors that smooth."""
-        changed = {*columns}
-        for sensor in kernels or {}:
-            changed |= {*_TURNS[sensor].columns, *_WAYS.get(sensor, _TURNS[sensor]).columns}
-        known = {}
-        for pair in self.pairs:
-            if not changed & pair.columns:
-                known[pair.what, pair.a, pair.b] = pair
-        means = {**self.means, **columns}
-        return Evidence(self.signals, means, {**self.kernels, **(kernels or {})}, known)
-
-    @property
-    def period(self) -> float:
-        """Time between two windows [s]."""
-        return 0.5 * self.signals.windows.width
-
-    @cached_property
-    def told(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-        """The forward speeds and the yaw rates by sensor."""
-        speeds, turns = motion_by_sensor(self.means)
-        for told in (speeds, turns):
-            if "cmd" in told:
-                told["cmd"] = np.where(self.commanded, told["cmd"], math.nan)
-        if self.signals.radius is not None and "wheels" in speeds:
-            speeds["wheels"] = speeds["wheels"] * (self.signals.radius / STOCK.radius)
-        return speeds, turns
-
-    @cached_property
-    def commanded(self) -> FloatArray:
-        """Where commands are not zero: elsewhere a joystick may drive."""
-        asked = [self.means[name] for name in ("cmd_v", "cmd_w") if name in self.means]
-        return np.any(np.nan_to_num(asked, nan=1.0) != 0.0, axis=0)
-
-    @cached_property
-    def pairs(self) -> tuple[Pair, ...]:
-        """All pairs of witnesses."""
-        speeds, turns = self.told
-        found = []
-        for what, told, bounds in (("turn", turns, _TURNS), ("way", speeds, _WAYS)):
-            for a, b in combinations([each for each in bounds if each in told], 2):
-                pair = self.known.get((what, a, b))
-                found.append(pair or self._compared(what, a, b, told, bounds))
-        if "pose" in speeds:
-            pair = self.known.get(("side", "pose", "pose"))
-            found.append(pair or self._sideways(speeds["pose"], turns["pose"]))
-        return tuple(found)
-
-    @cached_property
-    def costs(self) -> FloatArray:
-        """(P, N) costs of all pairs."""
-        return np.array([pair.cost for pair in self.pairs])
-
-    def gain_over(self, other: Evidence) -> FloatArray:
-        """Return (N,) how much less this costs than another explanation of the same log."""
-        theirs = other.costs
-        ours = np.where(np.isnan(theirs), 0.0, np.nan_to_num(self.costs, nan=self.untold))
-        return np.sum(np.nan_to_num(theirs) - ours, axis=0)
-
-    # -----------------------------------------------------------------------------------------
-    def _noise(self, sensor: str, what: str) -> float:
-        noise = self.signals.noise if sensor == "pose" else {}
-        return noise.get("yaw" if what == "turn" else "x", 0.0)
-
-    def _blur(self, values: FloatArray, sensor: str) -> FloatArray:
-        kernel = self.kernels.get(sensor)
-        if kernel is None:
-            return values
-        half = len(kernel) // 2
-        return np.convolve(np.pad(values, half, mode="edge"), kernel, mode="valid")
-
-    def _compared(
-        self,
-        what: str,
-        a: str,
-        b: str,
-        told: Mapping[str, FloatArray],
-        bounds: Mapping[str, _Bounds],
-    ) -> Pair:
-        one, other = bounds[a], bounds[b]
-        columns = frozenset({*one.columns, *other.columns})
-        if what == "way" and "pose" in (a, b):
-            columns |= {"heading"}
-        x = self._blur(told[a], b)
-        y = self._blur(told[b], a)
-        if what == "way" and self.signals.radius is None:
-            one, other = (_of_any_wheel(each) for each in (one, other))
-        usual = one.typical / other.typical
-        low = usual * math.exp(-math.hypot(*_reach(one)[:1], *_reach(other)[1:]))
-        high = usual * math.exp(math.hypot(*_reach(one)[1:], *_reach(other)[:1]))
-        both = np.isfinite(x) & np.isfinite(y)
-        cost = np.full(len(x), math.nan)
-        names = {
-            *one.columns,
-            *other.columns,
-            *(("heading",) * ("pose" in (a, b) and what == "way")),
-        }
-        columns = frozenset(names)
-        if np.count_nonzero(both) < 10:
-            return Pair(what, a, b, columns, 1.0, cost)
-        x, y = x[both], y[both]
-        noise = math.hypot(self._noise(a, what), self._noise(b, what))
-        share = math.hypot(one.share, other.share)
-        late = max(one.late, other.late)
-        offset = max(one.offset, other.offset)
-        factor = _middle_ratio(x, y)
-        c = 0.0
-        alike = correlation(x, y)
-        related = alike > _RELATED
-        costs = weights = np.ones(len(x))
-        for _ in range(_ROUNDS):
-            possible = min(max(factor, low), high)
-            fitted = factor if related else possible
-            z = x - c - fitted * y
-            size = np.maximum(np.abs(x), np.abs(fitted * y))
-            step = np.maximum(np.abs(_slope(x)), np.abs(_slope(fitted * y))) / self.period
-            floor = _FLOOR * _ranked(size, 0.9) + _STANDS[what]
-            variance = floor**2 + noise**2 + (share * size) ** 2 + (late * step) ** 2
-            costs = np.log1p(z**2 / variance)
-            weights = 1.0 / (variance + z**2)
-            of_y = float(np.sum(weights * y * y))
-            of_x = float(np.sum(weights * (x - c) ** 2))
-            if np.sum(weights * (x - c) * y) > 0.0:
-                factor = math.sqrt(of_x / max(of_y, 1e-12))
-            if offset:
-                c = float(np.sum(weights * (x - fitted * y)) / np.sum(weights))
-                c = min(max(c, -offset), offset)
-        if related:
-            # a factor beyond the possible ones, as far as it is sure
-            error = math.sqrt(2.0 * max(1.0 / alike**2 - 1.0, 0.0) / len(x))
-            beyond = max(0.0, abs(math.log(factor / possible)) - 2.0 * error)
-            costs = costs + _BEYOND * min(beyond, _MOST_BEYOND)
-        factor = max(factor, 1e-9)
-        cost[both] = costs
-        return Pair(what, a, b, columns, factor * other.typical / one.typical, cost)
-
-    def _sideways(self, along: FloatArray, turn: FloatArray) -> Pair:
-        """Compare the way to the side with none, but for a lever and a small angle."""
-        heading = self.means["heading"]
-        side = self.means["y"] * np.cos(heading) - self.means["x"] * np.sin(heading)
-        cost = np.full(len(side), math.nan)
-        known = np.isfinite(side) & np.isfinite(turn)
-        if np.count_nonzero(known) < 10:
-            return Pair("side", "pose", "pose", _SIDE, 1.0, cost)
-        u, v, w = side[known], along[known], turn[known]
-        design = np.column_stack([w, v])
-        most = np.array([_LEVER_M, _MOUNT])
-        size = np.hypot(u, v)
-        noise = self._noise("pose", "way")
-        floor = _FLOOR * _ranked(size, 0.9) + _STANDS["side"]
-        variance = floor**2 + noise**2 + (0.12 * size) ** 2 + (_PIVOT_M * w) ** 2
-        weights = 1.0 / variance
-        z = u
-        for _ in range(_ROUNDS):
-            weighted = design * weights[:, None]
-            square = weighted.T @ design + np.diag([1e-3, 1e-3]) * np.sum(weights) * 1e-3
-            best = np.clip(np.linalg.solve(square, weighted.T @ u), -most, most)
-            z = u - design @ best
-            weights = 1.0 / (variance + z**2)
-        cost[known] = np.log1p(z**2 / variance)
-        return Pair("side", "pose", "pose", _SIDE, 1.0, cost)
+def _positions_of_wheels(e: Agreement) -> Iterator[Idea]:
+    """Columns of wheels that are positions: their slopes tell the motion."""
+    group = e.signals.log.groups.get("wheels")
+    table = None if group is None else group.table(ENCODERS)
+    if group is None or table is None or not {*ENCODERS} <= e.means.keys():
+        return
+    # a counter wraps by its whole range
+    span = np.ptp(table, axis=0)
+    wraps = np.abs(np.diff(table, axis=0)) > 0.5 * span
+    wrapped = bool(np.any(wraps) and np.mean(wraps) < 0.05)
+    ways = {}
+    for name, values, period in zip(ENCODERS, table.T, span, strict=True):
+        way = np.unwrap(values, period=period) if wrapped else values
+        steps = np.abs(np.diff(way))
+        if np.ptp(way) <= 0.0 or np.percentile(steps, 90.0) > 0.05 * np.ptp(way):
+            return
+        ways[name] = group.t, way
+    words = (
+        "enc_left and enc_right are positions, which add up, and not rates: their slopes tell "
+        "the motion; --columns enc_left=NAME:rad (or :turns, :deg, :ticks) takes those"
+    )
+    if wrapped:
+        words += "; and they wrap: count on instead"
+    slopes = e.signals.windows.means_of(ways, "wheels", best_lag(e, ways))
+    # in whatever unit they are
+    moved = other_motion(e)
+    if moved is not None:
+        known = np.isfinite(moved).all(axis=1)
+        both = np.abs(sum(each[known] for each in slopes.values()))
+        size = 2.0 * np.sum(np.abs(moved[known, 0])) / max(float(np.sum(both)), 1e-12)
+        slopes = {name: size / STOCK.radius * each for name, each in slopes.items()}
+    kind = "counter" if wrapped else "positions"
+    yield Idea(kind, ENCODERS, words, e.but(slopes), 2.0)
 
 
-def _of_any_wheel(bounds: _Bounds) -> _Bounds:
-    """Return what wheels do where the robot is not known and they are taken for a Husky's."""
-    if bounds.columns != ENCODERS:
-        return bounds
-    return bounds._replace(least=_ANY_WHEEL[0], most=_ANY_WHEEL[1])
+def _single_samples(e: Agreement) -> Iterator[Idea]:
+    """Counters that wrap, spikes and dropouts: single samples that no wheel reaches."""
+    for name, least in (("enc_left", 5.0), ("enc_right", 5.0), ("gyro_z", 2.0)):
+        group = e.signals.log.group_of((name,))
+        if group is None or name not in e.means:
+            continue
+        values = group.columns[name]
+        before, middle, after = sliding_window_view(np.pad(values, 1, "edge"), 3).T
+        off = np.abs(middle - 0.5 * (before + after))
+        alone = np.abs(before - after) < 0.3 * off
+        spikes = alone & (off > max(8.0 * np.percentile(off, 85.0), least))
+        zeros = (middle == 0.0) & (before * after > 0.25)
+        lost = np.count_nonzero(zeros)
+        size = np.max(off[spikes], initial=0.0)
+        if lost >= 5 and lost > 0.7 * np.count_nonzero(spikes):
+            spikes = zeros
+            kind = "spikes"
+            words = (
+                f"{name} falls to zero for single samples, {lost} times: lost messages stand as "
+                "zeros; leave them out"
+            )
+        elif np.count_nonzero(spikes) >= 3:
+            wraps = np.ptp(off[spikes]) < 0.1 * size and size > 20.0 * least
+            kind = "counter" if wraps else "spikes"
+            why = "a counter wraps" if wraps else "no wheel does that"
+            words = (
+                f"{name} jumps for single samples, {np.count_nonzero(spikes)} times, by {size:.3g} "
+                f"rad/s within {1e3 * group.period:.0f} ms: {why}"
+            )
+        else:
+            continue
+        t = group.t[~spikes]
+        way = {name: (t, integrate_rates(t, values[~spikes]))}
+        changed = e.signals.windows.means_of(way, column_of(name).group)
+        yield Idea(kind, (name,), words, e.but(changed), 2.0)
 
 
-def _reach(bounds: _Bounds) -> tuple[float, float]:
-    """Return the logarithms of how far a ratio may be below and above the typical one."""
-    return math.log(bounds.typical / bounds.least), math.log(bounds.most / bounds.typical)
+def _small_jumps(e: Agreement) -> Iterator[Idea]:
+    """Steps of the pose that no wheel made, too small to be jumps of any log."""
+    poses = e.signals.poses
+    if poses is None or len(poses.t) < 40 or not {*POSE_COLUMNS} <= e.means.keys():
+        return
+    steps = np.diff(poses.pose[:, :2], axis=0)
+    near = sliding_window_view(np.pad(steps, ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
+    off = steps - np.median(near, axis=-1)
+    size = np.hypot(*off.T)
+    at = size > max(_OUTSTANDS * float(np.median(size)), 0.03)
+    known = e.signals.jumps
+    if known is not None:
+        at &= ~np.isin(poses.rows[1:], known.index)
+    n = int(np.count_nonzero(at))
+    if not 0 < n < 0.02 * len(at):
+        return
+    moved = np.cumulative_sum(np.where(at[:, None], off, 0.0), axis=0, include_initial=True)
+    ways = {name: (poses.t, poses.pose[:, k] - moved[:, k]) for k, name in enumerate(("x", "y"))}
+    words = (
+        f"x and y make {n} step{'s' * (n > 1)} of {np.median(size[at]):.2g} m, the first at "
+        f"{poses.t[1:][at][0]:.1f} s, that no wheel made: the localiser corrects itself"
+    )
+    changed = e.signals.windows.means_of(ways, "pose")
+    yield Idea("jumps", ("x", "y"), words, e.but(changed), 1.0)
 
 
-def is_ordinary(what: str, sensor: str, factor: float) -> bool:
-    """Return whether a sensor may tell a rate times such a factor of the typical one."""
-    bounds = (_TURNS if what == "turn" else _WAYS)[sensor]
-    below, above = _reach(bounds)
-    return -below < math.log(factor) < above
+_OUTSTANDS = 12.0
+"""Size of a correction over the median difference between a step and those beside it [1]."""
 
 
-def _ranked(values: FloatArray, share: float) -> float:
-    """Return the number below which a share of (N,) numbers lies."""
-    return float(np.sort(values)[int(share * (len(values) - 1))])
+# ------------------------------------------------------------------------------- tells nothing
+def _clipped_rates(e: Agreement) -> Iterator[Idea]:
+    """Rates that stay at a bound where the motion is beyond it."""
+    speeds, turns = e.told
+    changed = {}
+    levels = []
+    for name, design in (
+        *((name, [speeds.get("pose"), turns.get("imu", turns.get("pose"))]) for name in ENCODERS),
+        ("gyro_z", [turns.get("pose", turns.get("wheels"))]),
+    ):
+        group = e.signals.log.group_of((name,))
+        others = [each for each in design if each is not None]
+        if group is None or name not in e.means or len(others) < len(design):
+            continue
+        values = group.columns[name]
+        most = float(np.max(np.abs(values)))
+        at = (np.abs(values) > (1.0 - 1e-4) * most).astype(np.float64)
+        if most <= 0.0 or np.mean(at) < 0.02:
+            continue
+        way = {name: (group.t, integrate_rates(group.t, at))}
+        share = e.signals.windows.means_of(way, column_of(name).group)[name]
+        mean = e.means[name]
+        free = np.where(share < 0.01, mean, math.nan)
+        told = np.column_stack(others) @ fit_factors(others, free)
+        # what would be beyond the bound is explained, whatever it is
+        beyond = (share > 0.01) & (told * np.sign(mean) > 0.95 * np.abs(mean))
+        changed[name] = np.where(beyond, told, mean)
+        levels.append(most)
+    for blamed in (ENCODERS, ("gyro_z",)):
+        own = [name for name in blamed if name in changed]
+        if own:
+            words = (
+                f"{' and '.join(own)} stay{'s' * (len(own) == 1)} at +-{max(levels):.3g} "
+                "rad/s where the other signals say more: clipped"
+            )
+            after = e.but({name: changed[name] for name in own})
+            yield Idea("clipped", tuple(own), words, after, 2.0)
 
 
-def _slope(values: FloatArray) -> FloatArray:
-    """Return half the change from the value before to the one after."""
-    return np.asarray(np.gradient(values))
+_SLIPPED = 1.2
+"""Cost of each window in which wheels slip: a residual of 1.5 times the noise."""
 
 
-def _middle_ratio(x: FloatArray, y: FloatArray) -> float:
-    """Return the middle ratio of the sizes of two rates where they are large."""
-    size = np.abs(y)
-    moving = (size >= _ranked(size, 0.6)) & (size > 0.0)
-    if not np.any(moving):
-        return 1.0
-    middle = float(np.median(np.abs(x[moving] / y[moving])))
-    # most of a coarse signal's windows may be zero
-    return middle or float(np.sum(np.abs(x[moving])) / np.sum(size[moving]))
+def _slipping_wheels(e: Agreement) -> Iterator[Idea]:
+    """Wheels that turn while the robot stands, or stand while it moves."""
+    speeds, turns = e.told
+    if e.signals.wheels is None or "pose" not in speeds:
+        return
+    moved = [speeds["pose"], turns["pose"]]
+    sides = np.array([e.means[name] for name in ENCODERS])
+    told = np.array([np.column_stack(moved) @ fit_factors(moved, side) for side in sides])
+    known = np.isfinite(told).all(axis=0) & np.isfinite(sides).all(axis=0)
+    if not np.any(known):
+        return
+    size = np.percentile(np.abs(sides[:, known]), 80.0)
+    off = np.abs(sides - told)
+    more = np.abs(sides) - np.abs(told)
+    slips = off > np.maximum(0.35 * np.maximum(np.abs(sides), np.abs(told)), 0.25 * size)
+    fast = slips & (more > 0.0)
+    for columns, where in (
+        (ENCODERS[:1], fast[0] & ~slips[1]),
+        (ENCODERS[1:], fast[1] & ~slips[0]),
+        (ENCODERS, slips.any(axis=0)),
+    ):
+        where = where & known
+        if np.count_nonzero(where) < 8:
+            continue
+        share = 100.0 * np.mean(where)
+        if len(columns) == 1:
+            words = (
+                f"{columns[0]} turns faster than the robot moves in {share:.0f} % of the time, "
+                "and the other side does not: its wheels slip, or are lifted"
+            )
+        elif np.median(more.sum(axis=0)[where]) > 0.0:
+            words = (
+                f"the wheels turn in {share:.0f} % of the time in another way than the robot "
+                "moves: they slip"
+            )
+        else:
+            words = (
+                f"the robot moves in {share:.0f} % of the time although its wheels stand: is it "
+                "pushed or carried?"
+            )
+        own = [ENCODERS.index(name) for name in columns]
+        changed = {ENCODERS[k]: np.where(where, told[k], sides[k]) for k in own}
+        # each window costs as much as if nothing were told in it
+        freedom = 3.0 + _SLIPPED * np.count_nonzero(where) / math.log(len(where))
+        yield Idea("slip", columns, words, e.but(changed), freedom)
+
+
+def _unrelated_signals(e: Agreement) -> Iterator[Idea]:
+    """Signals that resemble nothing that the robot did: no more than at another time."""
+    for sensor, names in (("cmd", TWIST), ("imu", ("gyro_z",)), ("odom", ODOMETRY)):
+        if not {*names} <= e.means.keys():
+            continue
+        n = len(e.signals.windows.t)
+        at_random = []
+        for share in (0.25, 0.4, 0.55, 0.7):
+            rolled = e.but({name: np.roll(e.means[name], round(share * n)) for name in names})
+            costs = [pair.cost for pair in rolled.pairs if sensor in (pair.a, pair.b)]
+            at_random.append(np.nanmean(np.concatenate([*costs, [0.0]])))
+        nothing = e.but({name: np.full(n, math.nan) for name in names})
+        words = f"{seem(names)} to be another axis or quantity: the other columns resemble one "
+        words += "another, and not this"
+        kind = "swapped"
+        if sensor == "cmd":
+            words = f"{' and '.join(names)} resemble nothing that the robot did: they may be those "
+            words += "of another drive"
+            kind = "unrelated"
+        after = replace(nothing, untold=0.6 * float(np.median(at_random)))
+        yield Idea(kind, names, words, after, 1.0)
+
+
+_MEANINGS = (
+    _other_meanings,
+    _unsigned_rates,
+    _positions_of_wheels,
+    _single_samples,
+    _clipped_rates,
+    _small_jumps,
+    _slipping_wheels,
+    _unrelated_signals,
+)
+"""The hypotheses on meanings and on samples."""
+
+
+# ------------------------------------------------------------------------------------------ judge
+_LEAST = 8.0
+"""Gain from which something is no accident [nats]."""
+_LEAST_EACH = 0.05
+"""The same of each window of the log."""
+_WHOLE = 0.85
+"""Share of a log from which a span is the whole."""
+_EXPLAINED = 0.5
+"""Share of what is left over that a hypothesis may leave."""
+_ORDINARY = 0.3
+"""Cost of a pair of sound signals in a window."""
+_TIE = 0.1
+"""Share of the best gain by which the second one must be worse."""
+_MOST_FAULTS = 3
+
+
+class Explanation(NamedTuple):
+    """A hypothesis and how much it explains."""
+
+    gain: float
+    idea: Idea
+    span: slice
+    """Windows for which it holds."""
+
+
+def explanations(e: Agreement) -> list[Explanation]:
+    """Return the hypotheses by what they explain, the best first."""
+    found = []
+    n = len(e.signals.windows.t)
+    for row in (*SIGNS_UNITS_AND_CLOCKS, *_MEANINGS):
+        for idea in row(e):
+            gains = 0.5 * idea.after.gain_over(e)  # windows overlap by half
+            span = _best_span(gains) if idea.parts else slice(0, n)
+            if span.stop - span.start > _WHOLE * n:
+                span = slice(0, n)
+            partly = span.stop - span.start < n
+            price = 4.0 + 0.5 * math.log(n) * (idea.freedom + 2.0 * partly)
+            gain = float(gains[span].sum()) - price
+            if gain > max(_LEAST, _LEAST_EACH * n) and _explains(e, idea, span):
+                found.append(Explanation(gain, idea, span))
+    return sorted(found, key=lambda v: -v.gain)
+
+
+def _explains(e: Agreement, idea: Idea, span: slice) -> bool:
+    """Return whether little is left over between the signals that a hypothesis changes."""
+    changed = [k for k, pair in enumerate(e.pairs) if pair is not idea.after.pairs[k]]
+    before = float(np.mean(np.nan_to_num(e.costs)[changed, span]))
+    left = float(np.mean(np.nan_to_num(idea.after.costs)[changed, span]))
+    partly = span.stop - span.start < e.costs.shape[1]
+    return bool(left < max((_EXPLAINED / 2.0 if partly else _EXPLAINED) * before, _ORDINARY))
+
+
+def _best_span(gains: FloatArray) -> slice:
+    """Return the windows in a row whose gains have the greatest sum."""
+    so_far = np.cumulative_sum(gains, include_initial=True)
+    low = np.minimum.accumulate(so_far)
+    stop = int(np.argmax(so_far - low))
+    start = int(np.argmin(so_far[: stop + 1]))
+    return slice(start, stop)
+
+
+def _corrected(e: Agreement, best: Explanation) -> Agreement:
+    """Return what a log tells with the mistake undone where it was made."""
+    inside = np.zeros(len(e.signals.windows.t), dtype=bool)
+    inside[best.span] = True
+    changed = {}
+    for name, values in best.idea.after.means.items():
+        if values is not e.means[name]:
+            changed[name] = np.where(inside, values, e.means[name])
+    after = e.but(changed, best.idea.after.kernels)
+    return replace(after, untold=best.idea.after.untold)
+
+
+def judged(signals: Signals) -> Iterator[LogFault]:
+    """Yield what the signals of a log show to be wrong."""
+    if not signals.means:
+        return
+    e = Agreement.of_log(signals)
+    if not e.pairs:
+        return
+    blamed = set[str]()
+    for _ in range(_MOST_FAULTS):
+        found = [v for v in explanations(e) if not blamed & {*v.idea.columns}]
+        if not found:
+            break
+        best = found[0]
+        rivals = {best.idea.columns: best}
+        for other in found[1:]:
+            near = other.gain > (1.0 - _TIE) * best.gain
+            if near and not {*best.idea.columns} & {*other.idea.columns}:
+                rivals.setdefault(other.idea.columns, other)
+        yield _fault(signals, list(rivals.values()))
+        if "t" in best.idea.columns:
+            return  # whatever else there is, is of that
+        blamed |= {*chain(*rivals)}
+        e = _corrected(e, best)
+
+
+def _fault(signals: Signals, rivals: Sequence[Explanation]) -> LogFault:
+    """Return the fault of one hypothesis, or of several that are as good."""
+    best = rivals[0]
+    t = signals.windows.t
+    start = end = None
+    when = ""
+    if best.span.stop - best.span.start < len(t):
+        start, end = float(t[best.span.start]), float(t[best.span.stop - 1])
+        when = f" from {start:.0f} to {end:.0f} s"
+        if best.span.stop == len(t):
+            when = f" from {start:.0f} s on"
+    words = ", or ".join(v.idea.words for v in rivals)
+    kinds = {v.idea.kind for v in rivals}
+    kind = best.idea.kind if len(kinds) == 1 else "disagree"
+    if len(rivals) > 1:
+        words += "; the log cannot say which"
+    columns = tuple(dict.fromkeys(chain(*(v.idea.columns for v in rivals))))
+    return LogFault(kind, columns, f"{words}{when and f';{when}'}", start, end)

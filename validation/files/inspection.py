@@ -17,8 +17,8 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation.files.columns import POSE_COLUMNS
+from validation.files.explanation import judged
 from validation.files.formats import AnyLog, read_log
-from validation.files.hypotheses import judged
 from validation.files.log import PLAIN, Group, Log, LogFault, ReadOptions
 from validation.files.motion import ENCODERS, TWIST, Jumps
 from validation.files.offsets import Offset, estimate_offsets

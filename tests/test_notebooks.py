@@ -96,9 +96,9 @@ def test_a_shipped_notebook_shows_tables_and_pictures(path: Path, execute: Execu
 
 
 def test_results_show_their_table_and_their_picture(execute: Execute) -> None:
-    calls = [*RESULTS.values(), 'info("sample")']
-    sources = [IMPORTS, *(f"result = {call}\nresult" for call in calls)]
-    sources += ["print(result.table())", f"{RESULTS['compare']}.figure()"]
+    calls = RESULTS | {"info": 'info("sample")'}
+    sources = [IMPORTS, *(f"{name}_of = {call}\n{name}_of" for name, call in calls.items())]
+    sources += ["print(info_of.table())", "compare_of.figure()"]
     cells = execute(v4.new_notebook(cells=list(map(v4.new_code_cell, sources))))
     _, *results, log, printed, drawn = cells
     for cell in results:

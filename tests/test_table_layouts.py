@@ -50,6 +50,9 @@ NAMES: dict[str, Sequence[tuple[str, float]]] = {
             ("%time", 1.0),
             ("#timestamp [s]", 1.0),
             ("t [min]", 1 / 60),
+            ("seconds", 1.0),
+            ("epoch_ms", 1e3),
+            ("ts", 1.0),
         ),
     ),
     "x": (
@@ -286,11 +289,22 @@ def test_wrapped_ticks_in_a_table_are_rates(tmp_path: Path) -> None:
     assert any("counts to 900" in remark for remark in log.remarks)
 
 
+@pytest.mark.parametrize("frame", ["base_link", ""])
+def test_echoed_messages_have_no_header(tmp_path: Path, frame: str) -> None:
+    """What `ros2 topic echo --csv` writes of TwistStamped."""
+    rows = [f"{k // 10},{k % 10 * 100_000_000},{frame},0.{k},0,0,0,0,-0.{k}" for k in range(9)]
+    log = read(tmp_path / "a.csv", "\n".join(rows))
+    np.testing.assert_allclose(log.t, 0.1 * np.arange(9))
+    np.testing.assert_allclose(log.columns["cmd_v"], 0.1 * np.arange(9))
+    np.testing.assert_allclose(log.columns["cmd_w"], -0.1 * np.arange(9))
+
+
 SAID = {
     "no header": ("0,1,2\n1,2,3\n", "put a line such as t,x,y,yaw above them"),
     "no header, semicolons": ("0,5;1,5\n1,5;2,5\n", "put a line such as t,x,y,yaw above them"),
     "nine numbers": ("0,1,2,3,4,5,6,7,8\n1,2,3,4,5,6,7,8,9\n", "put a line such as"),
     "a bag": (b"SQLite format 3\0" + b"\0" * 100, "let its name end in .db3"),
+    "another bag": (b"#ROSBAG V2.0\n" + b"\0" * 100, "let its name end in .bag"),
     "a workbook": (b"PK\x03\x04" + b"\0" * 100, "save the sheet as CSV"),
     "both signs": ("t;x\n0;1,5\n1;2.5\n", "write all decimals with the same sign"),
     "doubled": ("t,x,x\n0,1,2\n1,2,3\n", "twice; each needs a name of its own"),
@@ -303,6 +317,12 @@ def test_what_cannot_be_read_says_what_to_do(tmp_path: Path, name: str) -> None:
     content, words = SAID[name]
     with pytest.raises(FileError, match=words.replace(".", r"\.")):
         read(tmp_path / "a.csv", content)
+
+
+@pytest.mark.parametrize("ending", [".bag", ".mcap", ".tum", ".txt"])
+def test_a_bag_under_another_name_is_known(tmp_path: Path, ending: str) -> None:
+    with pytest.raises(FileError, match=r"let its name end in \.db3"):
+        read(tmp_path / f"a{ending}", b"SQLite format 3\0" + b"\0" * 100)
 
 
 @pytest.mark.parametrize(

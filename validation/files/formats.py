@@ -10,7 +10,7 @@ from validation.files.bags import read_bag
 from validation.files.columns import COMMAND_COLUMNS
 from validation.files.csv_logs import frame_path, read_csv, read_frame, write_csv
 from validation.files.log import PLAIN, DataFrame, Log, ReadOptions, check_group
-from validation.files.reading import FileError, exists
+from validation.files.reading import FileError, exists, opened
 from validation.files.trajectories import read_trajectory, write_tum
 
 
@@ -46,6 +46,15 @@ FORMATS = (
 """Every format of logs. A new one is a module with a function that reads or writes it, and its line
 here."""
 
+
+_BEGINNINGS = {
+    b"SQLite format 3": (".db3", "the file of a ROS 2 bag: let its name end in .db3"),
+    b"\x89MCAP": (".mcap", "a ROS 2 bag: let its name end in .mcap"),
+    b"#ROSBAG": (".bag", "a ROS 1 bag: let its name end in .bag"),
+    b"PK\x03\x04": ("", "a workbook or an archive: save the sheet as CSV, or unpack it"),
+    b"\x1f\x8b": ("", "compressed: unpack it by gunzip"),
+}
+"""Beginnings of files, with the ending of their names and what is said where it is another."""
 
 SHIPPED_LOGS: Mapping[str, str] = {
     "sample": "husky-tile",
@@ -122,6 +131,12 @@ def _read_path(path: Path, options: ReadOptions, radius: float | None) -> Log:
     read = next((f.read for f in FORMATS if f.read is not None and f.recognises(path)), None)
     if read is None:
         raise FileError(path, f"this is no log by its ending; logs are {readable()}")
+    if path.is_file():
+        with opened(path) as file:
+            head = file.read(16)
+        for beginning, (ending, what) in _BEGINNINGS.items():
+            if head.startswith(beginning) and path.suffix.lower() != ending:
+                raise FileError(path, f"by its content this is {what}")
     if read is read_bag and set(options.columns) - set(COMMAND_COLUMNS["wheels"]):
         what = "of a bag, columns names the joints of enc_left and enc_right; --topics names topics"
         raise FileError(path, what)

@@ -24,7 +24,7 @@ from validation.files.columns import (
 Columns = Mapping[str, tuple[str, str]]
 """By our name, the name of a column there, or names between plus signs, and the unit."""
 _KINDS = {
-    "time": "t time timestamp stamp",
+    "time": "t ts time timestamp stamp sec secs seconds date datetime epoch",
     "position": "pos position pose translation location p",
     "turned": "orientation rotation quat quaternion q",
     "heading": "yaw heading theta psi",
@@ -78,23 +78,20 @@ _KINDS_OF_WHEELS = {
 """Kinds of the columns of wheels by their units."""
 _WHEELS = COMMAND_COLUMNS["wheels"]
 _BRACKET = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
-_POSE = ("position.x", "position.y", "position.z")
-_TURN = tuple(f"orientation.{axis}" for axis in "xyzw")
-_STAMP = ("sec", "nanosec", "frame_id")
-_RATES = "linear.x linear.y linear.z angular.x angular.y angular.z".split()
-_BLANKS = ("",) * 36
-_POSED = (*_STAMP, *_POSE, *_TURN)
-_INERTIAL = ("", *(f"angular_velocity.{axis}" for axis in "xyz"))
-ECHOED: Mapping[int, Sequence[str]] = {
-    9: (*_STAMP, *_RATES),
-    10: _POSED,
-    40: (*_STAMP, *_TURN, *_BLANKS[:8], *_INERTIAL, *_BLANKS[:9], *("",) * 12),
-    46: (*_POSED, *_BLANKS),
-    89: (
-        *(*_STAMP, "child", *_POSE, *_TURN, *_BLANKS),
-        *(*(f"twist.twist.{name}" for name in _RATES), *_BLANKS),
-    ),
-}
+_STAMP = "sec nanosec frame_id "
+_POSE = "position.x position.y position.z "
+_TURN = "orientation.x orientation.y orientation.z orientation.w "
+_GYRO = "angular_velocity.x angular_velocity.y angular_velocity.z "
+_TWIST = "{0}linear.x {0}linear.y {0}linear.z {0}angular.x {0}angular.y {0}angular.z "
+_COVARIANCE = 36 * "_ "
+_MESSAGES = (
+    _STAMP + _TWIST.format(""),
+    _STAMP + _POSE + _TURN,
+    _STAMP + _TURN + 9 * "_ " + _GYRO + 21 * "_ ",
+    _STAMP + _POSE + _TURN + _COVARIANCE,
+    _STAMP + "_ " + _POSE + _TURN + _COVARIANCE + _TWIST.format("twist.twist.") + _COVARIANCE,
+)
+ECHOED = {len(names.split()): names.split() for names in _MESSAGES}
 """Names of the columns that `ros2 topic echo --csv` writes without a header, by their number: of
 TwistStamped, PoseStamped, Imu, PoseWithCovarianceStamped and Odometry."""
 
@@ -234,11 +231,12 @@ def _wheels(header: Sequence[str], there: set[str]) -> dict[str, tuple[str, str]
     for name in header:
         words = split_words(without_unit(name)[0])
         joined = "_".join(words)
-        if not _WHEEL.search(joined) or any(_SOURCE_OF.get(word) == "cmd" for word in words):
-            continue
         unit = next(unit for _, unit in _with_unit(name))
         units[name] = unit or ("rad/s" if _RATE.search(joined) else "")
         base = (parse_unit(unit) or (unit, 1.0))[0]
+        is_wheel = _WHEEL.search(joined) or base.endswith("/s")
+        if not is_wheel or any(_SOURCE_OF.get(word) == "cmd" for word in words):
+            continue
         kind = _KINDS_OF_WHEELS.get(base, "other")
         if re.search("effort|torque", joined):
             kind = "torques"

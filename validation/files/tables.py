@@ -30,14 +30,6 @@ _HEAD = 1 << 16
 """Size of the beginning of a file that shows how it is written [bytes]."""
 _LOOKED_AT = 30
 """Number of its rows that are looked at."""
-_FILES = {
-    b"SQLite format 3": "a ROS 2 bag's file: let its name end in .db3",
-    b"\x89MCAP": "a bag: let its name end in .mcap",
-    b"#ROSBAG": "a ROS 1 bag: let its name end in .bag",
-    b"PK\x03\x04": "a workbook or an archive: save the sheet as CSV, or unpack it",
-    b"\x1f\x8b": "compressed: unpack it by gunzip",
-}
-"""Beginnings of other files, and what is said of them."""
 _COMMENTS = ("#", "%", "//")
 """Signs before a header that is a comment to others."""
 _NOTHING = ("", "nan", "na", "n/a", "null", "none")
@@ -281,9 +273,6 @@ def _find_layout(path: Path, limits: LogLimits) -> _Layout:
     """
     with opened(path, limits.bytes_of("table_size"), "table_size") as file:
         head = file.read(_HEAD)
-    others = [what for beginning, what in _FILES.items() if head.startswith(beginning)]
-    if others:
-        raise FileError(path, f"this is no CSV file but {others[0]}")
     encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else ""
     encoding = encoding or "utf-8-sig"
     lines = list(io.StringIO(head.decode(encoding, _errors_in(encoding)), newline=""))
@@ -333,7 +322,7 @@ def _find_header(path: Path, rows: Sequence[_Row], width: int) -> tuple[_Row, in
     first = rows[wide]
     header = first
     if width in ECHOED and not _is_text(first.cells[0]) and _is_text(first.cells[2]):
-        names = [name or f"_{k}" for k, name in enumerate(ECHOED[width])]
+        names = [f"_{k}" if name == "_" else name for k, name in enumerate(ECHOED[width])]
         return _Row(first.line, first.line - 1, names), first.line - 1
     if not any(_is_text(cell) for cell in first.cells if cell.strip()):
         header = rows[0]

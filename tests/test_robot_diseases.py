@@ -622,7 +622,7 @@ DISEASES = (
         ("axes",),
         "ax[ie]s|steer|wheels",
     ),
-    Disease("names_swapped", ALL, swap_names, ("names",), "left|right"),
+    Disease("names_swapped", ALL, swap_names, ("names", "controller"), "left|right"),
     Disease("millimetres", ALL, in_millimetres, (), "mm|millimet|metres"),
     Disease("hull_in_ground", ALL, move_hull, ("hull",), "hull|ground|body"),
     Disease(

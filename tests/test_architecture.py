@@ -478,13 +478,13 @@ PRICES = {
         "is weighed against what a turn needs; each is a plant by its path",
     ),
     "validation/files": Price(
-        55_000,
+        56_000,
         32,
-        116,
+        117,
         "any log, a frame of pandas too, is read as one form, of tables in any usual layout, with "
         "names and units of others, and of bags on one clock with the most independent pose and "
         "the efforts of joints; one model explains it, and of hypotheses that compete the best is "
-        "named, for all of it or from when to when; it is written",
+        "named, for all of it or from when to when; it is told part by part, and written",
     ),
     "validation/plants": Price(
         7_400,

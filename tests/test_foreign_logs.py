@@ -222,6 +222,32 @@ def on_a_stone(c: Columns) -> Columns:
     return {**c, "enc_left": faster * c["enc_left"]}
 
 
+def from_half_on(change: Callable[[Columns], Columns]) -> Callable[[Columns], Columns]:
+    """Columns that are changed in the second half of a log."""
+
+    def changed(c: Columns) -> Columns:
+        late = np.arange(len(c["t"])) >= len(c["t"]) // 2
+        return {name: np.where(late, values, c[name]) for name, values in change(c).items()}
+
+    return changed
+
+
+def low_passed(c: Columns) -> Columns:
+    """A gyro that follows by 1 s."""
+    rates = np.zeros(len(c["t"]))
+    for k in range(1, len(rates)):
+        share = -np.expm1(-(c["t"][k] - c["t"][k - 1]))
+        rates[k] = rates[k - 1] + share * (c["gyro_z"][k] - rates[k - 1])
+    return {**c, "gyro_z": rates}
+
+
+def grown(c: Columns) -> Columns:
+    """Ways by the pose that grow to two and a half times through a log."""
+    factor = np.linspace(1.0, 2.5, len(c["t"]))
+    steps = {name: factor * np.diff(c[name], prepend=c[name][0]) for name in ("x", "y")}
+    return {**c, **{name: c[name][0] + np.cumsum(each) for name, each in steps.items()}}
+
+
 INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
     "a gyro's offset": ("offset", lambda c: {**c, "gyro_z": c["gyro_z"] + 0.1}),
     "a gyro's drift": (
@@ -239,6 +265,29 @@ INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
     "a path at an angle": ("frame", turned),
     "one column twice": ("same", lambda c: {**c, "enc_right": c["enc_left"]}),
     "rows for t": ("clock", lambda c: {**c, "t": np.arange(float(len(c["t"])))}),
+    "half of the angle": ("scale", lambda c: {**c, "yaw": 0.5 * c["yaw"]}),
+    "one axis in mm": ("scale", lambda c: {**c, "y": 1e3 * c["y"]}),
+    "a scale that grows": ("scale", grown),
+    "a curvature": (
+        "curvature",
+        lambda c: {**c, "cmd_w": c["cmd_w"] / np.where(abs(c["cmd_v"]) > 0.05, c["cmd_v"], 1.0)},
+    ),
+    "clipped wheels": (
+        "clipped",
+        lambda c: {
+            **c,
+            **{n: c[n].clip(*0.5 * np.ptp(c[n]) * np.array([-0.5, 0.5])) for n in WHEELS},
+        },
+    ),
+    "a gyro behind a filter": ("smoothed", low_passed),
+    "a side that is late": (
+        "clock",
+        lambda c: {**c, "enc_left": np.interp(c["t"] - 0.6, c["t"], c["enc_left"])},
+    ),
+    "swapped from half on": (
+        "swapped",
+        from_half_on(lambda c: {**c, "enc_left": c["enc_right"], "enc_right": c["enc_left"]}),
+    ),
     "a gear of 22": ("scale", lambda c: {**c, **{name: 22.0 * c[name] for name in WHEELS}}),
 }
 
@@ -251,8 +300,35 @@ def test_a_fault_has_its_kind_and_its_numbers(name: str) -> None:
     found = Inspected(Log.of_columns("log.csv", columns), 0.165).faults.named
     assert kind in [fault.kind for fault in found]
     assert len(found) <= 2
+    if name == "swapped from half on":
+        half = log.t[len(log.t) // 2]
+        assert found[0].from_s == pytest.approx(half, abs=3.0)
     if name == "a gear of 22":
         assert "a gear of about 20" in found[0].sentence
+
+
+def test_signals_that_agree_outvote_the_one_that_does_not() -> None:
+    log = read_log("husky").on_one_clock()
+    columns = {"t": log.t, **log.columns}
+    for name in ("gyro_z", "yaw"):
+        (found,) = Inspected(
+            Log.of_columns("log.csv", {**columns, name: 2.0 * columns[name]})
+        ).faults.named
+        assert found.columns == (name,)
+        assert found.kind == "scale"
+
+
+def test_parts_tell_radii_and_width_where_they_can() -> None:
+    log = read_log("sample").on_one_clock()
+    columns = {"t": log.t, **log.columns}
+    half = np.arange(len(log.t)) >= len(log.t) // 2
+    for name in WHEELS:  # smaller wheels from half on turn faster
+        columns[name] = columns[name] * np.where(half, 1.25, 1.0)
+    parts = Inspected(Log.of_columns("log.csv", columns)).parts
+    assert [part["from_s"] for part in parts[1:]] == [part["to_s"] for part in parts[:-1]]
+    early = np.median([p["wheel_radius_left"] for p in parts[:2] if p["wheel_radius_left"]])
+    late = np.median([p["wheel_radius_left"] for p in parts[-2:] if p["wheel_radius_left"]])
+    assert early / late == pytest.approx(1.25, rel=0.05)
 
 
 DRIVES: dict[str, tuple[FloatArray, FloatArray, str]] = {

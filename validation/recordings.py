@@ -17,8 +17,9 @@ import shlex
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -35,7 +36,7 @@ from validation.files.formats import (
     write_log,
 )
 from validation.files.inspection import REST_LEAST, Inspected, open_log, unbiased
-from validation.files.log import Log, ReadOptions
+from validation.files.log import Log, LogFault, ReadOptions
 from validation.files.names import as_option
 from validation.files.offsets import Offset, synchronised, why_without_stamps
 from validation.files.reading import FileError, exists, read_file
@@ -44,6 +45,10 @@ from validation.output import file_name, write_json
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _OURS = b'"ssmr.info/1"'
 """Text in files that are replaced unasked, for this program wrote them."""
@@ -95,6 +100,8 @@ class Info(LogOptions):
 
     json: cli.AnyPath = None
     """JSON file to write the findings into as well."""
+    out: cli.AnyPath = None
+    """Folder for the findings, info.json, and for a picture of the log part by part, info.png."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +151,12 @@ class LogReport(Report):
             for f in self.inspected.faults.named
         ]
         faults = Table("Faults", rows, "These are not what their names say.")
-        return [faults, _contents_table(self.log), _offset_table(self.inspected.offsets)]
+        parts = _parts_table(self.inspected.parts)
+        return [faults, _contents_table(self.log), _offset_table(self.inspected.offsets), parts]
+
+    def figure(self) -> Figure:
+        """Return its picture: the log part by part."""
+        return _draw_parts(self.title, self.inspected.parts, self.inspected.faults.named)
 
     def notes(self) -> list[str]:
         """Return remarks on reading, gaps and rest, on faults, and the next step."""
@@ -272,6 +284,7 @@ def _log_document(found: Inspected) -> dict[str, Any]:
         "dead_columns": list(faults.dead_columns),
         "faults": [asdict(fault) for fault in faults.named],
         "gyro_at_rest": None if rest is None else asdict(rest),
+        "parts": found.parts,
     }
 
 
@@ -403,6 +416,64 @@ def _contents_table(log: Log) -> Table:
     return Table(log.path.name, rows)
 
 
+_SIZES = {
+    "wheel_radius_left": "radius_left_m",
+    "wheel_radius_right": "radius_right_m",
+    "half_track": "half_track_m",
+    "delay_s": "delay_s",
+}
+"""Columns of the table of parts, by their keys."""
+
+
+def _parts_table(parts: Sequence[Mapping[str, Any]]) -> Table:
+    rows = []
+    for part in parts:
+        row = {"from_s": part["from_s"], "to_s": part["to_s"]}
+        row |= {column: part[key] for key, column in _SIZES.items()}
+        rows.append(row | part["residuals"])
+    caption = (
+        "Each part alone. Radii and half-track are those with which the wheels tell its motion; "
+        "behind them is what is left over of each signal beside the others, over its noise."
+    )
+    digits = {"from_s": 0, "to_s": 0, "radius_left_m": 4, "radius_right_m": 4, "half_track_m": 3}
+    units = {name: Unit(name[-1], 1.0, n) for name, n in digits.items()}
+    units |= {"delay_s": Unit("s", 1.0, 3)}
+    units |= {name: Unit("1", 1.0, 2) for row in rows for name in row if name not in units}
+    return Table("Part by part", rows, caption, units=units)
+
+
+def _draw_parts(
+    title: str, parts: Sequence[Mapping[str, Any]], faults: Sequence[LogFault]
+) -> Figure:
+    """Draw what each part tells over time: radii, half-track, delay and residuals."""
+    from validation.report import drawing
+
+    if not parts:
+        raise ValueError("the log has no parts that signals could be compared in")
+    t = [part["from_s"] for part in parts] + [parts[-1]["to_s"]]
+    panels: dict[str, Mapping[str, Sequence[float | None]]] = {
+        "wheel radius [m]": {
+            side: [part[f"wheel_radius_{side}"] for part in parts] for side in ("left", "right")
+        },
+        "half-track [m]": {"": [part["half_track"] for part in parts]},
+        "delay of headings [s]": {"": [part["delay_s"] for part in parts]},
+        "left over, of the noise": {
+            name: [part["residuals"][name] for part in parts] for name in parts[0]["residuals"]
+        },
+    }
+
+    def draw(label: str, ax: Axes) -> None:
+        for name, values in panels[label].items():
+            heights = np.array([math.nan if each is None else each for each in values])
+            ax.stairs(heights, t, baseline=None, label=name or None, linewidth=1.5)
+        ax.set_ylabel(label)
+        if len(panels[label]) > 1:
+            ax.legend(fontsize="small", ncols=len(panels[label]))
+
+    rows = [drawing.PanelRow(1.8, [partial(draw, label)]) for label in panels]
+    return drawing.draw_page(title, rows, notes=[fault.sentence for fault in faults])
+
+
 def _sampling_row(t: FloatArray) -> Mapping[str, Any]:
     if len(t) < 2 or t[-1] <= t[0]:
         return {"samples": len(t), "rate_Hz": math.nan, "from_s": math.nan, "to_s": math.nan}
@@ -467,6 +538,8 @@ def _make_command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
 
     def main(o: Any) -> None:
         named = o.out if isinstance(o, Convert) else o.json
+        if isinstance(o, Info) and o.out is not None and named is None:
+            named = Path(o.out) / "info.json"
         target = None if named is None else Path(named)
         source = log_name(o.source)
         if target is not None:
@@ -479,12 +552,26 @@ def _make_command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
             if named is not None and not o.overwrite:
                 _require_free(target, info)
             info.write(target)
-        cli.report_result(info, [] if target is None else [target])
+        written = [] if target is None else [target]
+        if isinstance(o, Info) and o.out is not None:
+            written.append(_save_strip(Path(o.out) / "info.png", info))
+        cli.report_result(info, written)
 
     main.__doc__ = inspect.getdoc(program.function)
     main.__name__ = program.__name__
     main.__annotations__ = {"o": Annotated[program.options, tyro.conf.arg(name="")]}
     return main
+
+
+def _save_strip(path: Path, info: LogReport) -> Path:
+    """Write the picture of a log's parts; a FileError says that another one's is in its place."""
+    beside = path.with_suffix(".json")
+    ours = exists(beside) and _OURS in read_file(beside, _MOST_OURS)
+    if exists(path) and not ours and not info.asked.overwrite:
+        raise FileError(path, "there is such a file already; name another folder, or --overwrite")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    info.save_picture(path)
+    return path
 
 
 def _require_free(path: Path, report: LogReport) -> None:

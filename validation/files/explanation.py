@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
-from typing import NamedTuple
+from itertools import chain, pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ssmr.geometry import integrate_rates
-from ssmr.types import FloatArray
+from ssmr.types import FloatArray, IndexArray
 from validation.files.agreement import Agreement
 from validation.files.columns import POSE_COLUMNS, column_of
 from validation.files.hypotheses import (
@@ -30,7 +30,7 @@ from validation.files.hypotheses import (
 )
 from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST
-from validation.files.sensors import Signals
+from validation.files.sensors import FEWEST_WINDOWS, Signals
 
 
 # --------------------------------------------------------------------------- meanings of columns
@@ -435,3 +435,98 @@ def _fault(signals: Signals, rivals: Sequence[Explanation]) -> LogFault:
         words += "; the log cannot say which"
     columns = tuple(dict.fromkeys(chain(*(v.idea.columns for v in rivals))))
     return LogFault(kind, columns, f"{words}{when and f';{when}'}", start, end)
+
+
+# ------------------------------------------------------------------------------------------ parts
+_PART_S = 10.0
+"""Length of a part of a log [s]; those of a long log are longer."""
+_MOST_PARTS = 40
+"""Most parts of a log."""
+_SURE = 0.9
+"""Correlation from which a part tells a delay [1]."""
+_DRIVES = 0.05
+"""Speed from which a part tells radii [m/s]."""
+_TURNS = 0.1
+"""Mean yaw rate from which it tells a width [rad/s]."""
+
+
+def find_parts(signals: Signals) -> list[dict[str, Any]]:
+    """Return what each part of a log tells of the robot, as the JSON file has it.
+
+    Rows have `from_s`, `to_s`, `wheel_radius_left`, `wheel_radius_right`, `half_track` [m],
+    `delay_s`, how late headings are behind gyro or wheels, and `residuals` by signal, over its
+    ordinary noise; None for what a part does not tell.
+    """
+    t = signals.windows.t
+    if not len(t):
+        return []
+    agreement = Agreement.of_log(signals)
+    n = min(_MOST_PARTS, max(1, round(float(np.ptp(t)) / _PART_S)))
+    parts = []
+    for start, stop in pairwise(np.linspace(t[0], t[-1] + 1e-6, n + 1)):
+        inside = np.flatnonzero((t >= start) & (t < stop))
+        if not len(inside):
+            continue
+        left, right, half_track = _sizes_of_part(agreement, inside)
+        parts.append(
+            {
+                "from_s": float(start),
+                "to_s": float(stop),
+                "wheel_radius_left": left,
+                "wheel_radius_right": right,
+                "half_track": half_track,
+                "delay_s": _delay_of_part(signals, start, stop),
+                "residuals": _residuals_of_part(agreement, inside),
+            }
+        )
+    return parts
+
+
+def _sizes_of_part(e: Agreement, inside: IndexArray) -> tuple[float | None, ...]:
+    """Return both radii and the effective half-track [m] in some windows; None where untold."""
+    speeds, turns = e.told
+    if e.signals.wheels is None or "pose" not in speeds or len(inside) < 4:
+        return None, None, None
+    v = speeds["pose"][inside]
+    w = turns.get("imu", turns["pose"])[inside]
+    left, right = e.signals.wheels[:, inside]
+    zero = np.zeros(len(v))
+    # r_l l + b w = v, and r_r r - b w = v
+    rows = np.concatenate([np.column_stack([left, zero, w]), np.column_stack([zero, right, -w])])
+    if np.sqrt(np.mean(v**2)) < _DRIVES:
+        return None, None, None
+    turns_enough = float(np.mean(np.abs(w))) > _TURNS
+    known = rows if turns_enough else rows[:, :2]
+    sizes = np.linalg.lstsq(known, np.concatenate([v, v]))[0].tolist()
+    return sizes[0], sizes[1], sizes[2] if turns_enough else None
+
+
+def _delay_of_part(signals: Signals, start: float, stop: float) -> float | None:
+    """Return how late headings are behind gyro or wheels in a part [s]; None where untold."""
+    turns = signals.turns
+    if turns is None:
+        return None
+    part = slice(*np.searchsorted(turns.t, (start, stop)).tolist())
+    if part.stop - part.start < 2 * FEWEST_WINDOWS:
+        return None
+    late, alike = turns.delays(part, 1.5)
+    best = int(np.argmax(alike))
+    if alike[best] < _SURE or best in (0, len(late) - 1):
+        return None
+    # the vertex of the parabola through the best three
+    before, at, after = alike[best - 1 : best + 2]
+    bend = min(before - 2.0 * at + after, -1e-12)
+    return float(late[best] + 0.5 * (before - after) / bend * (late[1] - late[0]))
+
+
+def _residuals_of_part(e: Agreement, inside: IndexArray) -> dict[str, float | None]:
+    """Return by signal what is left over beside the others, over its noise, in the median."""
+    names = {"imu": "gyro", "pose": "pose", "odom": "odometry", "wheels": "wheels"}
+    found = dict[str, float | None]()
+    for sensor, name in {**names, "cmd": "commands"}.items():
+        costs = [pair.cost[inside] for pair in e.pairs if sensor in (pair.a, pair.b)]
+        told = np.concatenate([*costs, []])
+        told = told[np.isfinite(told)]
+        if costs:
+            found[name] = float(np.sqrt(np.expm1(np.median(told)))) if len(told) else None
+    return found

@@ -12,12 +12,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from ssmr.types import FloatArray
 from validation.files.columns import POSE_COLUMNS
-from validation.files.explanation import judged
+from validation.files.explanation import find_parts, judged
 from validation.files.formats import AnyLog, read_log
 from validation.files.log import PLAIN, Group, Log, LogFault, ReadOptions
 from validation.files.motion import ENCODERS, TWIST, Jumps
@@ -213,6 +214,11 @@ class Inspected:
     def faults(self) -> Faults:
         """Its faults."""
         return find_faults(self.signals)
+
+    @cached_property
+    def parts(self) -> list[dict[str, Any]]:
+        """What each part of it tells of the robot, see `find_parts`."""
+        return find_parts(self.signals)
 
     @cached_property
     def offsets(self) -> tuple[Offset, ...]:

@@ -85,7 +85,9 @@ def frozen(e: Signals) -> Iterator[LogFault]:
         if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
             varies = np.median(_changes(others), axis=0) > 0.3 * _MOVES
             moves &= varies | kept
-            kept = _changes(rate) < 1e-12
+            # what stays at its bound is clipped
+            bound = 0.999 * float(np.max(np.abs(values)))
+            kept = (_changes(rate) < 1e-12) & ((np.abs(rate) < bound) | (bound == 0.0))
         if name in ENCODERS:
             # where both sides are kept, they may be set points, or the robot stands and its
             # localiser does not

@@ -116,7 +116,13 @@ def test_a_gap_depends_on_the_way_and_not_on_the_rate_of_messages(period: float)
     assert gap.share() == 0.0
 
 
-@pytest.mark.parametrize("way", [line(0.5), circle(0.4)], ids=["line", "circle"])
+LANDING = line(0.8, 6.0)
+"""Its waypoints are 20 mm apart, so it begins to brake with 0.5 m/s2 at one of them."""
+
+
+@pytest.mark.parametrize(
+    "way", [line(0.5), circle(0.4), LANDING], ids=["line", "circle", "at a waypoint"]
+)
 def test_a_way_that_brakes_is_the_same_way(way: Waypoints) -> None:
     braked = way.braked(0.5)
     assert braked.length == pytest.approx(way.length, rel=1e-3)

@@ -462,7 +462,7 @@ def _tyre_contact(wheeled: WheeledRobot, joint: int) -> NumbersByName:
     model = wheeled.model
     drum = wheeled.drum(joint)
     if drum is None:
-        return NumbersByName()
+        return NumbersByName(misses=1.0)
     ground = wheeled.find_ground(joint)
     sides = [drum.geom] if ground is None else [drum.geom, ground]
     misses = ground is not None and not wheeled.can_touch(drum.geom, ground)

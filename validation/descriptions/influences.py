@@ -67,7 +67,8 @@ class _Stand:
         self.few_turns = 4.0 * np.pi
         # a wheel that differs by more is a fault
         self.spread = _EQUAL / _SPOILT
-        self.gap = abs(float(foreign.wheeled.data.xanchor[self.joints, 2] @ (FRONT * LEFT)))
+        self.heights = foreign.wheeled.data.xanchor[self.joints, 2]
+        self.gap = abs(float(self.heights @ (FRONT * LEFT)))
         self.strange = one_line(", ".join(self._strange_joints()))
         self.passive = self._passive_moments(turn.yaw_rate * self.rim)
 
@@ -269,7 +270,7 @@ _INFLUENCES: Sequence[_Influence] = (
     _Influence(
         "load",
         "<gravity> of links",
-        "gravcomp",
+        "gravcomp or gravity of <option>",
         _Stand.lost_load,
         "{written} takes away {effect:.3g} of the {load:.3g} N that press a tyre to the ground",
         over="load",
@@ -295,7 +296,7 @@ _INFLUENCES: Sequence[_Influence] = (
     _Influence(
         "load",
         "",
-        "contype, conaffinity or <exclude>",
+        "contype, conaffinity, <exclude> or <flag contact>",
         "misses",
         "{written} keep ground and tyres of {wheels} apart: these carry nothing",
     ),
@@ -408,6 +409,16 @@ _INFLUENCES: Sequence[_Influence] = (
         over="need",
     ),
     _Influence(
+        "unlike_wheels",
+        "heights of the axles",
+        "heights of the axles",
+        lambda stand: float(np.ptp(stand.heights)),
+        "{written} differ by {effect:.2g} m, and wheels have a radius of {radius:.3g} m: it leans "
+        "or some of them hang in the air",
+        over="radius",
+        is_fault=False,
+    ),
+    _Influence(
         "axes",
         "axes of the wheels",
         "axes of the wheels",
@@ -472,7 +483,7 @@ _INFLUENCES: Sequence[_Influence] = (
     _Influence(
         "motor_weak",
         "<limit effort> or the plugin's <torque>",
-        "forcerange or ctrlrange",
+        "forcerange, ctrlrange or <flag actuation>",
         "effort",
         "{written} lets the motors of {wheels} give {effect:.3g} N m" + _NEED,
         under="need",
@@ -529,7 +540,11 @@ _INFLUENCES: Sequence[_Influence] = (
         "controller",
         "joints of the drive plugin",
         "",
-        lambda stand: stand.sides_of_controller() * LEFT < 0.0,
+        # names that mislead are said as such
+        lambda stand: (
+            (stand.sides_of_controller() * LEFT < 0.0)
+            & (_misleading(stand.foreign.wheeled.names) == 0.0)
+        ),
         "sides are swapped: the {written} have {wheels} on the wrong side, so that it turns the "
         "wrong way",
     ),

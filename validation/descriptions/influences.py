@@ -67,6 +67,7 @@ class _Stand:
         self.few_turns = 4.0 * np.pi
         # a wheel that differs by more is a fault
         self.spread = _EQUAL / _SPOILT
+        self.names = foreign.wheeled.names
         self.heights = foreign.wheeled.data.xanchor[self.joints, 2]
         self.gap = abs(float(self.heights @ (FRONT * LEFT)))
         self.strange = one_line(", ".join(self._strange_joints()))
@@ -106,7 +107,6 @@ class _Stand:
         slowed = np.where(np.isnan(gain), unknown, torque / (gain * self.rate))
         return np.where((torque > spare) & (spare >= 0.0), 1.0, slowed)
 
-    # ---------------------------------------------------------------- what is there
     def lost_load(self) -> float:
         """Return the load of a wheel from which gravity is taken away [N]."""
         falls = self.model.opt.gravity[2] < 0.0
@@ -206,7 +206,7 @@ class _Stand:
     def sides_of_controller(self) -> FloatArray:
         """Return 1 and -1 for wheels that a controller takes for left and right, 0 for none."""
         sides = self.foreign.sides
-        return np.array([sides.get(name, 0.0) for name in self.foreign.wheeled.names])
+        return np.array([sides.get(name, 0.0) for name in self.names])
 
     def motor_names(self) -> list[str]:
         """Return the names of the wheels' motors; empty for none."""
@@ -251,7 +251,6 @@ class _Influence(NamedTuple):
 _NEED = "; a turn on the spot needs {need:.3g} N m a wheel"
 _MOMENT = "{effect:.3g} N m in a turn on the spot, and friction gives {moment:.3g} N m at most"
 _INFLUENCES: Sequence[_Influence] = (
-    # ------------------------------------------------------------- the body
     _Influence(
         "held",
         "<static> or <kinematic>",
@@ -292,7 +291,6 @@ _INFLUENCES: Sequence[_Influence] = (
         over="moment",
         is_fault=False,
     ),
-    # ------------------------------------------------------------- tyres and ground
     _Influence(
         "load",
         "",
@@ -413,8 +411,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "heights of the axles",
         "heights of the axles",
         lambda stand: float(np.ptp(stand.heights)),
-        "{written} differ by {effect:.2g} m, and wheels have a radius of {radius:.3g} m: it leans "
-        "or some of them hang in the air",
+        "{written} differ by {effect:.2g} m: it leans, or some wheels hang in the air",
         over="radius",
         is_fault=False,
     ),
@@ -436,7 +433,6 @@ _INFLUENCES: Sequence[_Influence] = (
         over="slip",
         is_fault=False,
     ),
-    # ------------------------------------------------------------- axles
     _Influence(
         "held",
         "<limit lower upper> of revolute joints",
@@ -479,7 +475,6 @@ _INFLUENCES: Sequence[_Influence] = (
         over="need",
         is_fault=False,
     ),
-    # ------------------------------------------------------------- motors
     _Influence(
         "motor_weak",
         "<limit effort> or the plugin's <torque>",
@@ -532,7 +527,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "names",
         "names of wheels",
         "names of wheels",
-        lambda stand: _misleading(stand.foreign.wheeled.names),
+        lambda stand: _misleading(stand.names),
         "{written} say other places than they have: {wheels} stand on another side or end (x is "
         "ahead, y to the left), so that a controller that goes by the names turns the wrong way",
     ),
@@ -541,10 +536,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "joints of the drive plugin",
         "",
         # names that mislead are said as such
-        lambda stand: (
-            (stand.sides_of_controller() * LEFT < 0.0)
-            & (_misleading(stand.foreign.wheeled.names) == 0.0)
-        ),
+        lambda stand: stand.sides_of_controller() * LEFT + _misleading(stand.names) < 0.0,
         "sides are swapped: the {written} have {wheels} on the wrong side, so that it turns the "
         "wrong way",
     ),
@@ -581,7 +573,7 @@ def weigh_influences(robot: Robot, foreign: ForeignRobot) -> list[tuple[str, boo
     if turn is None:
         return []
     stand = _Stand(robot, foreign, turn)
-    names = np.array(foreign.wheeled.names)
+    names = np.array(stand.names)
     found = []
     for line in _INFLUENCES:
         told = line.effect

@@ -136,9 +136,9 @@ def test_a_band_is_found_again_and_holds_more_than_nine_tenths_where_nothing_cha
     position, yaw = np.concatenate([measured.edges(*window[1:]) for window in fresh], axis=1)
     error = np.concatenate([window[4] for window in fresh])
     # nothing changes from this log to the next, and bands are for what does
-    assert 0.92 < np.mean(np.hypot(error[:, 0], error[:, 1]) <= position) < 0.99
-    assert 0.92 < np.mean(np.abs(error[:, 2]) <= yaw) < 0.99
-    assert astuple(measured)[5:] == pytest.approx(1.3 * np.array(astuple(NOTHING)[5:]), rel=0.1)
+    assert 0.91 < np.mean(np.hypot(error[:, 0], error[:, 1]) <= position) < 0.98
+    assert 0.91 < np.mean(np.abs(error[:, 2]) <= yaw) < 0.98
+    assert astuple(measured)[5:] == pytest.approx(1.2 * np.array(astuple(NOTHING)[5:]), rel=0.1)
 
 
 def test_the_score_is_least_for_a_band_that_holds_nine_tenths() -> None:

@@ -33,7 +33,7 @@ from validation.files.log import LogFault, ReadOptions
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify import verdict
 from validation.identify.beginning import FIRST_FITTED
-from validation.identify.judging import held_out_scores
+from validation.identify.judging import band_of_one_day, held_out_scores
 from validation.identify.report import correlation_table
 from validation.identify.targets import (
     Input,
@@ -561,7 +561,8 @@ def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fo
     if at_bound:
         objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")
     bands = dict(f.plant.bands)
-    if (band := band_of(driven, True)) is not None:
+    is_day = len(o.names) == 1 and o.held_out is None
+    if band := band_of_one_day(judges) if is_day else band_of(driven, True):
         bands[f.options["input"]] = band
     return replace(
         f,

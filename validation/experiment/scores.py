@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from ssmr.geometry import relative_pose, wrap_angle
-from ssmr.metrics.bands import Band, estimated_band, interval_score
+from ssmr.metrics.bands import NEW_GROUND, Band, estimated_band, interval_score
 from ssmr.metrics.declared import Metrics
 from ssmr.metrics.windows import (
     HorizonErrors,
@@ -191,12 +191,12 @@ def signed_windows(
     return signed
 
 
-def band_of(parts: Sequence[Driven], by_log: bool = False) -> Band | None:
+def band_of(parts: Sequence[Driven], by_log: bool = False, drawn: bool = False) -> Band | None:
     """Return the band of a plant's predictions of logs, see `estimated_band`.
 
     None where there are too few windows. `parts` has the logs as a plant drives them whose numbers
     were found without their first, second, ... part of time; or if `by_log`, each log as a plant
-    drives it whose numbers the others gave.
+    drives it whose numbers the others gave. With `drawn` days the plants differ as days do.
     """
     unseen = []
     for horizon, (k, driven) in product(_BAND_HORIZONS, enumerate(parts)):
@@ -209,7 +209,7 @@ def band_of(parts: Sequence[Driven], by_log: bool = False) -> Band | None:
             first += len(starts)
             inside = (place == k) | by_log
             unseen.append((horizon, path, starts[inside], ends[inside], error[inside]))
-    return estimated_band(unseen)
+    return estimated_band(unseen, 1.0 if drawn else NEW_GROUND)
 
 
 def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Container, Iterable, Sequence
 from copy import copy
-from itertools import chain
+from itertools import chain, product
 
 import numpy as np
 
 from ssmr.errors import ParameterError, SsmrError
-from ssmr.metrics.bands import Band
+from ssmr.metrics.bands import QUARTERS, Band
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation.experiment.runs import drive_source
 from validation.experiment.scores import Driven, Scores, band_of
 from validation.experiment.sources import Piece, Source
 from validation.identify.problem import FitProblem
 from validation.identify.targets import score_pieces
-from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty
+from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty, usual_spread
 from validation.plants.kind import PlantProfile
 from validation.plants.searchable import with_values
 from validation.plants.table import SIMULATED, plant_kind
@@ -116,8 +117,10 @@ def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> B
     """Spread of predictions along the recordings when parts of the data are left out.
 
     They are whole logs where there are enough of them: each is predicted as a log that is judged
-    alone is, by the numbers and the mean localiser of the others.
+    alone is, by the numbers and the mean localiser of the others. A single log has a day of its
+    own, from which another one differs: see `draw_days`.
     """
+    alone = len(problem.days) == 1
     by_log = len(problem.days) >= FEWEST_DAYS
     parts = []
     for k, point in enumerate(sure.without):
@@ -128,10 +131,34 @@ def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> B
             plant = problem.candidate(point, source.tags)
             if by_log:
                 plant = _from_others(problem, k, point)
+            if alone:
+                plant = draw_days(problem, point)[k]
             plant = plant or plant_on(problem, best, source)
             driven += source.driven(motions_of(problem, plant, source))
         parts.append(driven)
-    return band_of(parts, by_log)
+    return band_of(parts, by_log, alone)
+
+
+def band_of_one_day(judges: Judges) -> Band | None:
+    """Return the band of predictions of other days, from parts that fits to a day have not seen."""
+    parts = list[Driven]()
+    for problem, point, sources in judges:
+        for plant, source in product(filter(None, draw_days(problem, point)), sources):
+            with contextlib.suppress(SsmrError):
+                parts.append(source.driven(motions_of(problem, plant, source)))
+    return band_of(parts, True, True)
+
+
+def draw_days(problem: FitProblem, point: FloatArray) -> list[PlantProfile | None]:
+    """Return plants on other days than the log's at an (n,) point of the unit cube.
+
+    Each number is one usual spread from day to day more or less than there, by the draw of a coin;
+    None stands for what is impossible.
+    """
+    spread = np.array(list(map(usual_spread, problem.space.names)))
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (QUARTERS, len(point)))
+    tags = problem.days[0].tags
+    return [problem.candidate(np.clip(point + spread * each, 0.0, 1.0), tags) for each in signs]
 
 
 def _from_others(problem: FitProblem, k: int, point: FloatArray) -> PlantProfile | None:

@@ -47,6 +47,7 @@ ROOMS = (
         "validation.table",
     },
     {"validation.fit", "validation.track"},
+    {"validation.refitting"},
     {"validation.tune", "validation.calibrate", "validation.ros", "validation.learning"},
     {"validation.study"},
     {"validation.replicate"},
@@ -453,7 +454,7 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        35_400,
+        35_600,
         16,
         97,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "

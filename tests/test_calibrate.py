@@ -16,12 +16,13 @@ import pytest
 
 from tests.conftest import exit_status
 from tests.test_objective import recorded
-from validation.calibrate import calibrate, within_bounds
+from validation.calibrate import calibrate
 from validation.descriptions.loading import load_robot
 from validation.files.csv_logs import write_csv
 from validation.fit import fit
 from validation.plants.profile import Profile, load_profile
 from validation.plants.searchable import make_space, with_values
+from validation.refitting import within_bounds
 
 TRUTH = {"alpha_l": 0.95, "alpha_r": 0.91, "y_l": 0.45, "y_r": -0.52, "drift": 0.12}
 

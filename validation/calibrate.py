@@ -18,7 +18,6 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
 import tyro
 
 from ssmr.types import CommandKind
@@ -45,8 +44,8 @@ from validation.identify.targets import (
 )
 from validation.output import Progress, file_name, one_line, said_once
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.searchable import OF_A_LOG, find_number, make_space
-from validation.plants.table import PLANTS, plant_kind
+from validation.plants.table import PLANTS
+from validation.refitting import ESSENTIAL, fit_widely, settings_of
 from validation.report import drawing
 from validation.report.comparison import Comparison
 from validation.report.motions import interval_table
@@ -57,20 +56,6 @@ from validation.robots import export_robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_ESSENTIAL = (
-    *("alpha_l", "alpha_r", "y_l", "y_r", "wheel_radius", "command_radius"),
-    *("command_half_track", "tracked_x", "tracked_y", "tracked_yaw"),
-)
-"""Sizes of a robot and the place of its localiser: at a bound they stand for something else."""
-_WIDER = {*_ESSENTIAL, "drift", "position_late", "yaw_late"} - {"tracked_yaw"}
-"""Numbers whose bounds are widened once where they are hit."""
-_WIDENED = 0.5
-"""Share of the bounds' width by which a bound that is hit is moved once [1]."""
-_DRIVER = (
-    *("command_radius", "command_half_track", "delay"),
-    *("acceleration_v", "acceleration_w", "wheel_lag"),
-)
 
 
 @dataclass(frozen=True)
@@ -195,24 +180,6 @@ def _turn_notes(fits: Sequence[Fitted], kept: Comparison) -> list[str]:
                 "much as the robot there."
             )
     return notes
-
-
-def _widen_bounds(f: Fitted) -> dict[str, tuple[float, float]]:
-    """Return wider bounds of sizes and delays that ended at one, as far as physics allows."""
-    bounds = {}
-    for p, declared in zip(f.parameters, f.problem.space.parameters, strict=True):
-        more = _WIDENED * (p.upper - p.lower)
-        if not p.at_bound or p.name.partition("@")[0] not in _WIDER:
-            continue
-        low = max(p.lower - more, declared.least)
-        high = min(p.upper + more, declared.greatest)
-        # a size keeps its sign
-        if p.lower >= 0.0:
-            low = max(low, 0.5 * p.lower)
-        if p.upper <= 0.0:
-            high = min(high, 0.5 * p.upper)
-        bounds[p.name] = low, high
-    return bounds
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -447,7 +414,7 @@ def _fit_all(
         for k, (train, _) in enumerate(folds[kind]):
             begun = len(fits) * len(profiles) + k
             show = partial(_show_part, o, begun / len(profiles), len(plans), f"{plant} by {kind}")
-            settings = _settings_of(known, (plant, kind), k, done)
+            settings = settings_of(known, (plant, kind), k, done)
             options = Fit(
                 plant,
                 train,
@@ -458,7 +425,7 @@ def _fit_all(
                 progress=show,
                 **settings,
             )
-            done.append(_fit_widely(options))
+            done.append(fit_widely(options))
             if done[-1].status != FINISHED and k + 1 < len(profiles):
                 if not fits:
                     raise KeyboardInterrupt
@@ -483,65 +450,6 @@ def _show_part(o: Calibrate, begun: float, parts: int, lead: str, now: Progress)
     o.progress(Progress(begun + share, parts, f"{lead}: {now.text}"))
 
 
-def _settings_of(
-    known: Mapping[tuple[str, str], Sequence[Fitted]],
-    plan: tuple[str, Input],
-    k: int,
-    done: Sequence[Fitted],
-) -> dict[str, Any]:
-    """Return the settings of the fit of a plant by an input to the k-th fold.
-
-    `known` has the fits of all folds by plant and input, and `done` those of this plan.
-    """
-    plant, kind = plan
-    settings: dict[str, Any] = {}
-    if (plant, "wheels") in known:
-        body = known[plant, "wheels"][k]
-        track = body.base.robot.track
-        settings = {
-            "free": _DRIVER,
-            "fix": _of_logs(body) if known[plant, "wheels"][-1].better else {},
-            "bounds": {"command_half_track": (0.2 * track, 1.5 * track)},
-        }
-    if not plant_kind(plant).torques:
-        return settings
-    # its run is dear, and fits before know where to begin
-    settings["search"] = "lsq"
-    if done:
-        return settings | _continued(done[-1], settings.get("free", plant_kind(plant).free[kind]))
-    if "free" in settings:
-        driver = known[FIRST_FITTED, kind][k]
-        settings["guess"] = within_bounds(driver, plant, settings["bounds"])
-    return settings
-
-
-def _continued(f: Fitted, names: Sequence[str]) -> dict[str, Any]:
-    """Return where a fit of some numbers to other data begins that goes on from another one.
-
-    What that one held, because its data did not tell it, is held again.
-    """
-    found = {p.name.partition("@")[0] for p in f.parameters}
-    settings: dict[str, dict[str, float]] = {"guess": {}, "fix": {}}
-    for name in names:
-        number = find_number(f.model, name, f.base.robot)
-        settings["guess" if name in found else "fix"][name] = number.read(f.plant)
-    settings["fix"] |= _of_logs(f)
-    return settings
-
-
-def _fit_widely(options: Fit) -> Fitted:
-    """Return a fit; one that ends at a bound of a size or a delay is repeated with wider ones."""
-    # the report names the log's faults once
-    done = run_fit(options, lambda warning: None)
-    wider = _widen_bounds(done)
-    if not wider:
-        return done
-    options = replace(options, bounds={**cli.read_value(options.bounds), **wider})
-    moved = f"{', '.join(wider)} hit a bound, which was moved once, and the fit repeated"
-    done = run_fit(options, lambda warning: None)
-    return replace(done, remarks=[*done.remarks, moved])
-
-
 def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fold]) -> Fitted:
     """Return the last of some fits, as all of them are judged by what each has not seen.
 
@@ -557,7 +465,7 @@ def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fo
             f"{', '.join(o.names)}: nothing is left to judge on; name a log with --held-out"
         )
     objections = verdict.list_objections(judged, driven, f.options["input"])
-    at_bound = [p.name for p in f.parameters if p.at_bound and p.name in _ESSENTIAL]
+    at_bound = [p.name for p in f.parameters if p.at_bound and p.name in ESSENTIAL]
     if at_bound:
         objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")
     bands = dict(f.plant.bands)
@@ -573,25 +481,6 @@ def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fo
         objections=[f"{'; '.join(objections)}."] * bool(objections),
         remarks=[*f.remarks, *notes],
     )
-
-
-def within_bounds(
-    f: Fitted, plant: str, bounds: Mapping[str, tuple[float, float]]
-) -> dict[str, float]:
-    """Return the numbers of a fit as far as another plant may have them."""
-    space = make_space(plant, [p.name for p in f.parameters], bounds, f.base.robot)
-    values = np.clip([p.value for p in f.parameters], space.lower, space.upper)
-    return dict(zip(space.names, values.tolist(), strict=True))
-
-
-def _of_logs(f: Fitted) -> dict[str, float]:
-    """Return the numbers of single logs that a fit has found."""
-    numbers = {}
-    for p in f.parameters:
-        number, at, _ = p.name.partition("@")
-        if at and number in OF_A_LOG:
-            numbers[p.name] = p.value
-    return numbers
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from ssmr.types import FloatArray
 from validation.experiment.sources import RECORDING, Source
 from validation.identify.problem import FitProblem
 from validation.identify.search import SETTINGS, Search, Searching, search_for
-from validation.identify.uncertainty import VAGUE, estimate_uncertainty, prior_deviations
+from validation.identify.uncertainty import estimate_uncertainty
 from validation.output import ignore_progress
 from validation.plants.kind import PlantProfile
 from validation.plants.searchable import find_number, make_space, split_by_log, with_values
@@ -179,11 +179,10 @@ def friction_left_untold(problem: FitProblem, search: Search, o: Searching) -> d
         return held
     with contextlib.suppress(SsmrError, np.linalg.LinAlgError):
         sure = estimate_uncertainty(search.coarser or problem, search.best, o.raters, search.driven)
-        vague = sure.share >= VAGUE * prior_deviations(problem)
         before = problem.space.values(problem.begun).tolist()
         for k, name in enumerate(problem.space.names):
             number = name.partition("@")[0]
             bounded = name in o.bounds or number in o.bounds
-            if vague[k] and number == "friction" and not bounded:
+            if sure.untold[k] and number == "friction" and not bounded:
                 held[name] = before[k]
     return held

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# a number with a wider interval, as a share of the space between its bounds, is uncertain
-_VAGUE_SHARE = 0.5
 _LEAST_IN = 2.7  # height of the first row [in]
 _STRIP_IN = 0.52  # height of a parameter's strip [in]
 _STRIPS_IN = 0.8  # height that the panel of strips needs besides [in]
@@ -60,6 +58,8 @@ class _FittedParameter:
     """Standard error; None where it could not be estimated, or was not."""
     interval_95: tuple[float, float] | None = None
     """95 % interval by the same estimate, within the bounds."""
+    untold: bool = False
+    """Whether the data hardly determine it."""
 
     def share(self, value: float) -> float:
         """Return a value's place between the bounds, 0 to 1 on the scale of the search.
@@ -74,10 +74,8 @@ class _FittedParameter:
 
     @property
     def warning(self) -> str:
-        """`at bound`, `uncertain` for an interval over more than half of the bounds, both or ""."""
-        low, high = map(self.share, self.interval_95 or (self.value, self.value))
-        uncertain = high - low > _VAGUE_SHARE
-        return ", ".join(["at bound"] * self.at_bound + ["uncertain"] * uncertain)
+        """`at bound`, `uncertain` for a number that the data hardly determine, both or ""."""
+        return ", ".join(["at bound"] * self.at_bound + ["uncertain"] * self.untold)
 
 
 def fitted_parameters(
@@ -99,7 +97,10 @@ def fitted_parameters(
         if sure is not None and math.isfinite(sure.standard_error[k]):
             low, high = sure.interval[k].tolist()
             row = replace(
-                row, standard_error=float(sure.standard_error[k]), interval_95=(low, high)
+                row,
+                standard_error=float(sure.standard_error[k]),
+                interval_95=(low, high),
+                untold=bool(sure.untold[k]),
             )
         rows.append(row)
     return tuple(rows)

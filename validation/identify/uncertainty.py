@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import stdtrit
 
@@ -84,6 +85,9 @@ class Uncertainty:
     """(n, n) correlation of the errors."""
     share: FloatArray
     """(n,) standard error over the width of the bounds, in the unit cube [1]."""
+    untold: NDArray[np.bool_]
+    """(n,) numbers that the data hardly determine: their standard errors are about as large as
+    what is known without data."""
     method: str
     """Sentence that says how they were found."""
     without: FloatArray
@@ -157,6 +161,7 @@ def estimate_uncertainty(
         np.where(finite[:, None], np.stack(list(map(problem.space.values, ends)), axis=1), np.nan),
         correlation,
         share,
+        share >= VAGUE * prior_deviations(problem),
         f"{method}, limited by the bounds",
         without=_points_without_parts(point, with_prior, all_slopes, problem),
         spread=spread,
@@ -425,13 +430,15 @@ def uncertainty_sentences(
     share = uncertainty.share
     touched = set[str]()
     advice = "it is little more than a guess" if problem.robust else "use --fix"
-    for name, s, known in zip(names, share, prior_deviations(problem), strict=True):
-        if s > VAGUE * known:
-            touched.add(name)
-            out.append(
-                f"The data hardly determine {name}: its standard error is {s:.0%} of its bounds' "
-                f"width; {advice}."
-            )
+    known = prior_deviations(problem) * problem.space.slopes(point)
+    for k in np.flatnonzero(uncertainty.untold).tolist():
+        p = problem.space.parameters[k]
+        touched.add(p.name)
+        errors = [p.text(float(f"{e:.2g}")) for e in (uncertainty.standard_error[k], known[k])]
+        out.append(
+            f"The data hardly determine {p.name}: its standard error is {errors[0]}, and "
+            f"{errors[1]} without any data; {advice}."
+        )
     for i, j in combinations(range(len(names)), 2):
         r = float(uncertainty.correlation[i, j])
         if names[i] in sums and names[j] in sums:

@@ -453,7 +453,7 @@ def _show_part(o: Calibrate, begun: float, parts: int, lead: str, now: Progress)
 def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fold]) -> Fitted:
     """Return the last of some fits, as all of them are judged by what each has not seen.
 
-    Its bands are those of the errors there.
+    Its bands are those of the errors there, unless a log was held out.
     """
     judges = []
     for f, (_, sources) in zip(done, folds, strict=True):
@@ -469,9 +469,10 @@ def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fo
     if at_bound:
         objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")
     bands = dict(f.plant.bands)
-    is_day = len(o.names) == 1 and o.held_out is None
-    if band := band_of_one_day(judges) if is_day else band_of(driven, True):
-        bands[f.options["input"]] = band
+    # a log that is held out judges, and nothing that is written comes from it
+    if o.held_out is None:
+        band = band_of(driven, True) if len(o.names) > 1 else band_of_one_day(judges)
+        bands |= {} if band is None else {f.options["input"]: band}
     return replace(
         f,
         held_out=after,

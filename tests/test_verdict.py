@@ -10,10 +10,13 @@ import pytest
 
 from tests.test_several_logs import BARE, BODY, DAYS, drive
 from validation.calibrate import calibrate
+from validation.compare import compare
 from validation.experiment.sources import Source
 from validation.files.inspection import open_log
 from validation.fit import fit
+from validation.identify.uncertainty import usual_spread
 from validation.identify.verdict import divide_logs, is_better
+from validation.plants.searchable import make_space
 
 OPTIONS: dict[str, Any] = {"profile": BARE, "plants": ("kinematic",)}
 
@@ -149,3 +152,23 @@ def test_a_tyre_that_lost_air_is_named_and_the_others_are_not(tmp_path: Path) ->
     assert "shorter than on day0.csv" in left
     assert not any("the right wheels roll" in note for note in said)
     assert any(table.title.startswith("Tyres by each log") for table in report.tables())
+
+
+def test_the_band_of_one_day_holds_days_that_differ_as_days_do(log: Path, tmp_path: Path) -> None:
+    """Every number lies one usual spread off; a band of the day alone holds few headings then."""
+    profile = calibrate(log, **OPTIONS).profile
+    space = make_space("kinematic", list(BODY), {}, BARE.robot)
+    signs = np.random.default_rng(5).choice((-1.0, 1.0), len(space))
+    off = {}
+    for p, sign in zip(space.parameters, signs, strict=True):
+        off[p.name] = BODY[p.name] + sign * usual_spread(p.name) * (p.upper - p.lower)
+    other = drive(tmp_path, "other", {**off, **DAYS[0]}, 6)
+    options: dict[str, Any] = {"plants": ("kinematic",), "input": "wheels", "bands": True}
+    held = compare(other, profile, **options).scores["kinematic"].held
+    shares = [share for parts in held.values() for share, _ in parts.values()]
+    # a day on which all is off by a whole spread is worse than most
+    assert min(shares) > 0.6
+    assert np.mean(shares) > 0.8
+    # the same day is inside more often than promised
+    again = compare(log, profile, **options).scores["kinematic"].held
+    assert min(share for parts in again.values() for share, _ in parts.values()) > 0.9

@@ -454,9 +454,9 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        35_600,
+        35_750,
         16,
-        97,
+        99,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; all of a log is "
         "fitted, its thirds in motion judge, and better is more than chance; "

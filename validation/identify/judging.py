@@ -118,7 +118,7 @@ def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> B
 
     They are whole logs where there are enough of them: each is predicted as a log that is judged
     alone is, by the numbers and the mean localiser of the others. A single log has a day of its
-    own, from which another one differs: see `draw_days`.
+    own, from which another one differs: see `_draw_days`.
     """
     alone = len(problem.days) == 1
     by_log = len(problem.days) >= FEWEST_DAYS
@@ -132,7 +132,7 @@ def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> B
             if by_log:
                 plant = _from_others(problem, k, point)
             if alone:
-                plant = draw_days(problem, point)[k]
+                plant = _draw_days(problem, point)[k]
             plant = plant or plant_on(problem, best, source)
             driven += source.driven(motions_of(problem, plant, source))
         parts.append(driven)
@@ -143,13 +143,13 @@ def band_of_one_day(judges: Judges) -> Band | None:
     """Return the band of predictions of other days, from parts that fits to a day have not seen."""
     parts = list[Driven]()
     for problem, point, sources in judges:
-        for plant, source in product(filter(None, draw_days(problem, point)), sources):
+        for plant, source in product(filter(None, _draw_days(problem, point)), sources):
             with contextlib.suppress(SsmrError):
                 parts.append(source.driven(motions_of(problem, plant, source)))
     return band_of(parts, True, True)
 
 
-def draw_days(problem: FitProblem, point: FloatArray) -> list[PlantProfile | None]:
+def _draw_days(problem: FitProblem, point: FloatArray) -> list[PlantProfile | None]:
     """Return plants on other days than the log's at an (n,) point of the unit cube.
 
     Each number is one usual spread from day to day more or less than there, by the draw of a coin;

@@ -126,6 +126,10 @@ def _positions_of_wheels(e: Agreement) -> Iterator[Idea]:
     yield Idea(kind, ENCODERS, words, e.but(slopes), 2.0)
 
 
+_LOST_IN_A_ROW = 8
+"""Samples from one told rate to the next between which others are lost."""
+
+
 def _single_samples(e: Agreement) -> Iterator[Idea]:
     """Counters that wrap, spikes and dropouts: single samples that no wheel reaches."""
     for name, least in (("enc_left", 5.0), ("enc_right", 5.0), ("gyro_z", 2.0)):
@@ -137,7 +141,13 @@ def _single_samples(e: Agreement) -> Iterator[Idea]:
         off = np.abs(middle - 0.5 * (before + after))
         alone = np.abs(before - after) < 0.3 * off
         spikes = alone & (off > max(8.0 * np.percentile(off, 85.0), least))
-        zeros = (middle == 0.0) & (before * after > 0.25)
+        # zeros, one or a few in a row, between rates of one sign
+        told = np.flatnonzero(values != 0.0)
+        after_it = np.searchsorted(told, np.arange(len(values)))
+        last = told[np.clip(after_it - 1, 0, len(told) - 1)] if len(told) else after_it
+        later = told[np.clip(after_it, 0, len(told) - 1)] if len(told) else after_it
+        zeros = (middle == 0.0) & (later - last < _LOST_IN_A_ROW) & (later > last)
+        zeros &= values[last] * values[later] > 0.25
         lost = np.count_nonzero(zeros)
         size = np.max(off[spikes], initial=0.0)
         if lost >= 5 and lost > 0.7 * np.count_nonzero(spikes):

@@ -364,7 +364,7 @@ def _time_unit(e: Agreement) -> Iterator[Idea]:
         f"the pose turns and drives {factor:.3g} times as fast as the other sensors say: "
         f"t is not in seconds{', but grows by one a row: it seems to count rows' * rows}"
     )
-    yield Idea("clock", ("t", *POSE_COLUMNS), words, e.but(changed), 2.0)
+    yield Idea("clock", ("t", *POSE_COLUMNS), words, e.but(changed), 2.0 if rows else 4.0)
 
 
 def _other_clock(e: Agreement) -> Iterator[Idea]:

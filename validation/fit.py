@@ -34,6 +34,7 @@ from validation.experiment.scores import (
 )
 from validation.experiment.sources import (
     AnySource,
+    Rates,
     Source,
     source_name,
     unknown_robot_notes,
@@ -122,6 +123,8 @@ class Fit(Searching, ReadOptions):
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
     input: Input = "commands"
     """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
+    rates: Rates = "instant"
+    """Wheel rates of a recording: instant, as of a JointState, or means since the stamp before."""
     since: Annotated[float | None, tyro.conf.arg(name="from")] = None
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
@@ -158,11 +161,10 @@ class Fit(Searching, ReadOptions):
     """Torque of a side's wheels per ampere of its motor [N m/A], for logs with the motors'
     currents; the battery's need none. The profile's, or the robot file's, if not given."""
     search: Method | None = None
-    """jde: differential evolution alone, as in the thesis; --population and --generations choose
-    it. hybrid: a short one finds the region, then bounded least squares go to the optimum, from its
-    best candidate and from others far from it. descents: least squares from random candidates, then
-    a simplex by the cost. lsq: least squares alone, from --guess or what stands for it. If not
-    given, descents for planar models by the path, else hybrid."""
+    """jde: differential evolution, as in the thesis; --population and --generations choose it.
+    hybrid: a short one, then bounded least squares from its best candidate and others far from it.
+    descents: least squares from random candidates, then a simplex by the cost. lsq: least squares
+    from --guess. If not given, descents for planar models by the path, else hybrid."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an option that is out of its range."""
@@ -416,12 +418,12 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     begun = with_values(o.model, base.section(o.model), list(fixed), fixed.values())
     radius = None if is_default else base.robot.wheel_radius
     span = (o.since, o.until)
-    opened = open_sources(o.sources, base, o.held_out, o.input, span, options=o, radius=radius)
-    sources, held_out = opened
-    held_turning = _held_turning(o)
-    usual = [name for name in kind.free[occasion] if name not in held_turning]
-    names = usual if o.free is None else o.free
-    searched = beginning.searched_names([*names, *_mentioned(o)], names, o.fix, sources)
+    opened = sources, held_out = open_sources(
+        o.sources, base, o.held_out, o.input, span, options=o, radius=radius, rates=o.rates
+    )
+    usual = [name for name in kind.free[occasion] if name not in _held_turning(o)]
+    free = usual if o.free is None else o.free
+    searched = beginning.searched_names([*free, *_mentioned(o)], free, o.fix, sources)
     space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)
     before = np.array([find_number(o.model, name, begun.robot).read(begun) for name in space.names])
     start = None
@@ -429,9 +431,8 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
         start = beginning.first_points(o.guess, space, before)
     for warning in dict.fromkeys(chain(*(source.warnings for source in chain(*opened)))):
         warn(warning)
-    yaw_weight = o.yaw_weight
-    if yaw_weight is None:
-        yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
+    yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
+    yaw_weight = yaw_weight if o.yaw_weight is None else o.yaw_weight
     cost = FitCost(
         o.objective,
         tuple(cli.read_value(o.horizons)),
@@ -450,12 +451,11 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     # numbers that the user chooses begin where the profile has them
     begins = kind.torques and occasion != "scenario" and o.guess is None and o.free is None
     if begins:
-        names = plant_kind(beginning.FIRST_FITTED).free[occasion]
-        names = beginning.searched_names((), names, o.fix, sources)
+        first = plant_kind(beginning.FIRST_FITTED).free[occasion]
+        names = beginning.searched_names((), first, o.fix, sources)
         start = beginning.begin_at(problem, base.section(beginning.FIRST_FITTED), names, o)
-    simulated = o.model in SIMULATED
     method = o.search or usual_search(o, problem)
-    settings = o.settings(SETTINGS[method, simulated])
+    settings = o.settings(SETTINGS[method, o.model in SIMULATED])
     search = search_for(problem, settings, o, start, method)
     if begins and (friction := beginning.friction_left_untold(problem, search, o)):
         return _fit_with_held_friction(o, friction, space, search, opened, warn)
@@ -468,7 +468,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
 
 
 def _mentioned(o: Fit) -> list[str]:
-    """Return the numbers that options fix, bound or guess, by name."""
+    """Return the names of numbers that options fix, bound or guess."""
     return [*o.fix, *o.bounds, *(o.guess if isinstance(o.guess, Mapping) else ())]
 
 

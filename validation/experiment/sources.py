@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -69,6 +70,9 @@ slopes are taken [s]."""
 WindowCut = Callable[[FloatArray, float, BoolArray | None], tuple[IndexArray, IndexArray]]
 """Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of
 windows."""
+Rates = Literal["instant", "mean"]
+"""Wheel rates of a log: those at their stamps, or means since the stamps before, as counts of
+encoders give them."""
 Span = tuple[float | None, float | None]
 """Part of a log between two times [s]; None for its first or its last."""
 
@@ -176,13 +180,14 @@ def open_source(
     stop: float | None = None,
     options: ReadOptions = PLAIN,
     radius: float | None = None,
+    rates: Rates = "instant",
 ) -> Source:
     """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log; a source stays as it is.
 
     A log is given by its path or the name of a shipped one, as a frame of pandas with the columns
     of a CSV file, or as a `Log`. `kind` says which of its inputs drives the plants; samples before
     `start` or after `stop` [s] are left out; `options` say how it is read, and `radius` is that of
-    the robot's wheels [m], where it is known.
+    the robot's wheels [m], where it is known; `rates` is what a log's wheel rates are.
 
     Raises:
         ValueError: an unknown name, a log that cannot be read or lacks the inputs or the pose, or a
@@ -204,7 +209,7 @@ def open_source(
             f"no source '{name}'; there are: {scenarios}, "
             f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
         )
-    return source_of(open_log(given, options, radius), name, kind, (start, stop))
+    return source_of(open_log(given, options, radius), name, kind, (start, stop), rates)
 
 
 def _open_scenario(name: str, kind: CommandKind) -> Source:
@@ -222,13 +227,17 @@ def _open_scenario(name: str, kind: CommandKind) -> Source:
 
 
 def source_of(
-    inspected: Inspected, name: str, kind: CommandKind = "twist", span: Span = (None, None)
+    inspected: Inspected,
+    name: str,
+    kind: CommandKind = "twist",
+    span: Span = (None, None),
+    rates: Rates = "instant",
 ) -> Source:
     """Return a log, or a part of it, as a motion to compare plants on.
 
     Where the log has no commands, the speeds of its odometry stand for them, and a warning says so.
-    `name` is the one that the user gave it; `kind` says which of its inputs drives the plants, and
-    `span` which part of it they drive along.
+    `name` is the one that the user gave it; `kind` says which of its inputs drives the plants,
+    `span` which part of it they drive along, and `rates` what its wheel rates are.
 
     Raises:
         ValueError: it lacks the inputs or the pose, or nothing was logged in the span.
@@ -243,9 +252,8 @@ def source_of(
             f"{what}, the pose by which predictions are judged; "
             "`recordings info` says what its gyro and wheels tell without"
         )
-    title = log.name
-    if span != (None, None):
-        title += f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
+    times = f", {log.t[0]:.0f} to {log.t[-1]:.0f} s" if span != (None, None) else ""
+    title = log.name + times
     if kind == "twist" and not log.has(names) and log.has(ODOMETRY):
         names = ODOMETRY
         sentences.append(
@@ -261,9 +269,8 @@ def source_of(
     pose = log.table(POSE_COLUMNS)
     gyro = log.columns.get("gyro_z")
     moves = np.abs(log.table(names)).max(axis=1) > LEAST_COMMAND
-    wheels = np.zeros((len(pose), 2))
+    wheels = log.table(ENCODERS) if log.has(ENCODERS) else np.zeros((len(pose), 2))
     if log.has(ENCODERS):
-        wheels = log.table(ENCODERS)
         means = [moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]
         moves = np.abs(means).max(axis=0) > WHEELS_TURN
     others = {key: log.table(pair) for key, pair in MOTOR_COLUMNS.items() if log.has(pair)}
@@ -278,7 +285,7 @@ def source_of(
     for s in log.stretches():
         t = log.t[s]
         stamps, samples = _samples_within(group, names, t)
-        commands = commands_on_grid(stamps, samples, kind, RECORDING_GRID, t)
+        commands = commands_on_grid(stamps, samples, kind, RECORDING_GRID, t, rates)
         turning = None if gyro is None else gyro[s]
         motion = _recorded_motion(t, pose[s], fresh[s], wheels[s], turning)
         channels = {key: table[s] for key, table in others.items()}
@@ -338,6 +345,7 @@ def commands_on_grid(
     kind: CommandKind,
     dt: float,
     t: FloatArray | None = None,
+    rates: Rates = "instant",
 ) -> Commands:
     """Return inputs on a uniform grid: ceil(duration / dt) commands, from the first instant on.
 
@@ -354,6 +362,7 @@ def commands_on_grid(
         dt: period of the grid [s].
         t: (M,) instants that the grid covers [s], `stamps` if not given. Commands with stamps of
             their own count as zero before the first one, and when they are half a second old.
+        rates: what wheel rates are; a mean is that of the middle of its period.
     """
     covered = stamps if t is None else t
     since = stamps - covered[0]
@@ -364,7 +373,10 @@ def commands_on_grid(
         sides = []
         for side in inputs.T:
             new = refreshed(since, side[:, None])
-            sides.append(np.interp(middle, since[new], side[new]))
+            at = since[new]
+            if rates == "mean":
+                at = at - 0.5 * np.diff(at, prepend=at[:1])
+            sides.append(np.interp(middle, at, side[new]))
         return Commands(dt, np.column_stack(sides), kind)
     grid = np.asarray(np.arange(n) * dt, dtype=np.float64)
     if np.array_equal(stamps, covered):

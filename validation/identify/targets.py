@@ -22,6 +22,7 @@ from validation.experiment.sources import (
     RECORDING,
     AnySource,
     Piece,
+    Rates,
     Source,
     Span,
     open_source,
@@ -98,6 +99,7 @@ def open_sources(
     span: Span = (None, None),
     options: ReadOptions = PLAIN,
     radius: float | None = None,
+    rates: Rates = "instant",
 ) -> tuple[list[Source], list[Source]]:
     """Return the sources to fit to and those that are held out, all with their true motion.
 
@@ -114,6 +116,7 @@ def open_sources(
         span: part of recordings that is fitted to.
         options: how recordings are read.
         radius: radius of the robot's wheels [m], where it is known.
+        rates: what wheel rates of recordings are.
 
     Raises:
         ValueError: a source is missing, named twice, cannot be read, or lacks an input.
@@ -131,7 +134,7 @@ def open_sources(
     train = []
     for name, each in zip(names, given, strict=True):
         ends = (None, None) if is_scenario(name) else span
-        source = open_source(without_ground(each), kind, *ends, options, radius)
+        source = open_source(without_ground(each), kind, *ends, options, radius, rates=rates)
         train.append(replace(truth_of(with_gyro(source)), name=name, tags=tags[name]))
     fitted = {file_of(source.name): source.inspected for source in train}
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
@@ -147,9 +150,10 @@ def open_sources(
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
             source = open_source(full)
         elif inspected is not None:
-            source = source_outside(inspected, name, kind, span)
+            source = source_outside(inspected, name, kind, span, rates)
         else:
-            source = open_source(without_ground(each), kind, options=options, radius=radius)
+            log = without_ground(each)
+            source = open_source(log, kind, options=options, radius=radius, rates=rates)
         judged.append(replace(truth_of(with_gyro(source)), name=name, tags=tags[name]))
     return train, judged
 
@@ -167,14 +171,16 @@ def without_ground(given: T) -> T | str:
     return split_ground(str(given))[0] if isinstance(given, str | Path) else given
 
 
-def source_outside(inspected: Inspected, name: str, kind: CommandKind, span: Span) -> Source:
+def source_outside(
+    inspected: Inspected, name: str, kind: CommandKind, span: Span, rates: Rates = "instant"
+) -> Source:
     """Return the parts of a recording outside a span as one source, see `source_of`.
 
     A ValueError says that there are none.
     """
     start, stop = span
     ends: list[Span] = [(None, start)] * (start is not None) + [(stop, None)] * (stop is not None)
-    parts = [source_of(inspected, name, kind, each) for each in ends]
+    parts = [source_of(inspected, name, kind, each, rates) for each in ends]
     if not parts:
         raise ValueError(
             f"{name} is fitted to as a whole; without since or until nothing of it is held out"

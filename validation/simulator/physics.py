@@ -67,10 +67,10 @@ _EASY_RATIO = 0.5
 def _solver_for(settings: PhysicsSettings, friction_ratio: float) -> Solver:
     """Return the constraint solver of a model.
 
-    Conjugate gradients solve the shipped physics in two thirds of Newton's time, and their paths
-    and Newton's are the same within 0.05 mm. Newton's method copes with all else: with much less
-    friction across the wheels than along them, and with whatever contacts, cones and integrators a
-    study tries.
+    Conjugate gradients solve the shipped physics in 0.87 (Husky) to 1.06 (Warthog) of Newton's
+    time, and their paths and Newton's are the same within 0.05 mm. Newton's method copes with all
+    else: with much less friction across the wheels than along them, and with whatever contacts,
+    cones and integrators a study tries.
     """
     if settings.solver is not None:
         return settings.solver

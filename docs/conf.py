@@ -80,15 +80,38 @@ def navigation(index: str, pages: set[str]) -> str:
     )
 
 
+MOVED = {
+    "cases": "why_drift.html#cases-for-any-simulator",
+    "centre_of_mass": "lab.html#centre-of-mass",
+    "clusters": "identification.html#workers-on-other-machines",
+    "filter": "tracking.html#the-state-filter",
+    "gallery": "first_comparison.html#examples",
+    "parameters": "equations.html#parameters",
+    "printed_parameters": "lab.html#the-printed-parameters-in-mujoco",
+    "references": "tracking.html#reference-trajectories",
+    "reliability": "index.html",
+    "runs": "tile.html#every-log-calibrated-and-judged-on-its-last-third",
+    "speed": "index.html",
+    "wet_grass": "tile.html#tile-and-wet-grass",
+}
+"""Pages of earlier versions, and where their contents stand now."""
+
+
+def lead_on(app: Sphinx, error: Exception | None) -> None:
+    """Write a page that leads on for each address of an earlier version."""
+    for old, new in MOVED.items() if error is None else ():
+        head = f'<meta http-equiv="refresh" content="0; url={new}">'
+        page = f'<!doctype html><title>Moved</title>{head}<a href="{new}">This page moved.</a>'
+        Path(app.outdir, f"{old}.html").write_text(page, encoding="utf-8")
+
+
 def prepare(app: Sphinx, name: str, source: list[str]) -> None:
     """Let links to README, which is no page of the site, lead to its first page.
 
-    Give the index its navigation, and the page on security its text, which lies beside README.
+    Links to other files beside README become their names. Give the index its navigation.
     """
     source[0] = source[0].replace("](../README.md", "](index.md")
-    if name == "reliability":
-        page = Path(app.srcdir).with_name("SECURITY.md")
-        source[0] = page.read_text(encoding="utf-8").replace("](docs/", "](")
+    source[0] = re.sub(r"\[([^\]]*)\]\(\.\./(\w+\.md)(#[\w-]*)?\)", r"\1 (`\2`)", source[0])
     if name == "index":
         source[0] += navigation(source[0], {path.stem for path in Path(app.srcdir).glob("*.md")})
 
@@ -100,5 +123,6 @@ def setup(app: Sphinx) -> None:
     """
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
     app.connect("source-read", prepare)
+    app.connect("build-finished", lead_on)
     # new pages change its navigation
     app.connect("env-get-outdated", lambda app, env, added, changed, removed: ["index"])

@@ -1,4 +1,4 @@
-"""Print how far each plant is from each answer of the cases, for the table of docs/cases.md.
+"""Print how far each plant is from each answer of the cases, for the table of docs/why_drift.md.
 
 Run from the project's root: `python docs/make_cases_table.py`. A dash means that the plant cannot
 have the answer, or that its engine is not installed.

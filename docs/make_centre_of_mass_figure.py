@@ -1,4 +1,4 @@
-"""Draw the figure of docs/centre_of_mass.md and print the multipliers of its table.
+"""Draw the figure of docs/lab.md and print the multipliers of its table.
 
 Both follow from the closed form alone. Run from the project's root: `python
 docs/make_centre_of_mass_figure.py`.

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/gallery.md, each with the example that stands beside it.
+"""Draw the pictures of docs/first_comparison.md, each with the example that stands beside it.
 
 Usage: `python docs/make_gallery.py [NAME ...]`, all where none is named. An example runs in an
 empty folder; its picture is made 480 px wide.

@@ -1,4 +1,4 @@
-"""Draw the figure of docs/printed_parameters.md, and print the numbers of its tables.
+"""Draw the figure of docs/lab.md, and print the numbers of its tables.
 
 Run from the project's root: `python docs/make_printed_figure.py`; it takes half a minute.
 """

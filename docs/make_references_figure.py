@@ -1,4 +1,4 @@
-"""Draw the named references of docs/references.md that are this project's own.
+"""Draw the named references of docs/tracking.md that are this project's own.
 
 Run from the project's root: `python docs/make_references_figure.py`.
 """

@@ -1,4 +1,4 @@
-"""Write the tables of docs/runs.md: each log is calibrated, and `table` lays the results together.
+"""Write the tables of docs/tile.md: each log is calibrated, and `table` lays the results together.
 
 Run from the project's root: `python docs/make_runs_tables.py FOLDER [OUT]`. FOLDER has the
 recordings, also in folders of it. Results stay in OUT (runs/every_log); what is there is not made
@@ -24,7 +24,7 @@ from validation.fit import fit
 from validation.plants.profile import Profile, bare_profile, load_profile
 from validation.table import table
 
-PAGE = Path(__file__).with_name("runs.md")
+PAGE = Path(__file__).with_name("tile.md")
 LOGS = {
     "husky_tile": "Husky, tile",
     "husky_wet_grass": "Husky, wet grass",

@@ -1,4 +1,4 @@
-"""Draw the figure of docs/wet_grass.md, and print the numbers of its tables.
+"""Draw the figure of docs/tile.md, and print the numbers of its tables.
 
 Run from the project's root: `python docs/make_wet_grass_figure.py husky_tile_train.csv
 husky_wet_grass_train.csv` with the paths of both recordings; it takes a minute or two.

@@ -39,7 +39,7 @@ LOAD_SHIFTS = (0.005, 0.005, 0.02, 0.2)
 """A slow turn on the spot may move the loads by these shares, see `turn_on_the_spot` [1]: forces
 towards the turn's centre move half a per cent of the weight to the front or aside; the soft
 contact, which carries more where it slips faster, moves two per cent between diagonals and a fifth
-between a wide tyre's edges (docs/physics.md, "Other robots")."""
+between a wide tyre's edges (docs/robots.md, "Robots of other sizes and shapes")."""
 TILT = math.radians(8.0)
 """Slope on which a robot creeps [rad]."""
 

@@ -1,4 +1,4 @@
-"""The cases of cases/ have right answers, and every able plant gets them (docs/cases.md)."""
+"""The cases of cases/ have right answers, and every able plant gets them (docs/why_drift.md)."""
 
 from __future__ import annotations
 

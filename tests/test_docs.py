@@ -81,7 +81,7 @@ def matches(written: str, value: object) -> bool:
 
 @pytest.mark.parametrize("kind", DOCUMENTED, ids=lambda kind: kind.__name__)
 def test_every_parameter_is_listed_with_its_default(kind: Any) -> None:
-    rows = {row[0].strip("`"): row for row in tables("parameters.md")[kind.__name__]}
+    rows = {row[0].strip("`"): row for row in tables("equations.md")[kind.__name__]}
     assert list(rows) == [f.name for f in fields(kind)]
     for f in fields(kind):
         if f.default is MISSING:
@@ -91,8 +91,10 @@ def test_every_parameter_is_listed_with_its_default(kind: Any) -> None:
 
 
 def test_every_parameter_has_a_unit_and_a_known_grade() -> None:
-    for heading, rows in tables("parameters.md").items():
-        for row in rows:
+    parameters = {*(kind.__name__ for kind in DOCUMENTED), "Constants"}
+    assert parameters <= set(tables("equations.md"))
+    for heading in parameters:
+        for row in tables("equations.md")[heading]:
             unit = row[-3]
             grade = row[-2]
             assert unit, (heading, row)
@@ -125,7 +127,7 @@ def constant(room: str, name: str) -> object:
 
 
 def test_constants_are_listed_as_they_are() -> None:
-    for name, written, *_ in tables("parameters.md")["Constants"]:
+    for name, written, *_ in tables("equations.md")["Constants"]:
         room, _, attribute = name.strip("`").rpartition(".")
         assert matches(written, constant(room, attribute)), name
 

@@ -1,6 +1,6 @@
 """What the printed numbers of the thesis do in MuJoCo, with nothing fitted.
 
-Docs/printed_parameters.md tells the story.
+Docs/lab.md tells the story.
 """
 
 from __future__ import annotations

@@ -166,7 +166,7 @@ def test_generic_saturates_at_half_a_metre_a_second_and_not_at_a_quarter() -> No
 
 
 def drawn(pieces: list[list[str]]) -> FloatArray:
-    """Corners of the pieces of docs/references.md.
+    """Corners of the pieces of docs/tracking.md.
 
     Each is begun where the one before ended, in complex numbers.
     """
@@ -187,14 +187,14 @@ def drawn(pieces: list[list[str]]) -> FloatArray:
 
 
 def test_generic_is_what_its_page_says() -> None:
-    expected = drawn(tables("references.md")["Pieces"])
+    expected = drawn(tables("tracking.md")["Pieces"])
     waypoints = REFERENCES["generic"](0.25)
     assert waypoints.xy.shape == expected.shape
     assert np.max(np.abs(waypoints.xy - expected)) <= 0.5 * PRINTED + ROUNDOFF
 
 
 def test_the_page_lists_what_each_reference_asks_for() -> None:
-    rows = tables("references.md")["Reference trajectories"]
+    rows = tables("tracking.md")["Reference trajectories"]
     assert [row[0] for row in rows] == list(REFERENCES)
     for name, _, *written in rows:
         waypoints = REFERENCES[name](0.25)

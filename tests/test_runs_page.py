@@ -24,7 +24,7 @@ def test_a_log_on_the_page_has_the_errors_of_its_calibration(tmp_path: Path) -> 
     bare = bare_profile(load_robot("warthog"))
     script["calibrate_log"](LOG, file, bare, ("kinematic",), tmp_path / script["OWN"])
     ((label, _, *cells),) = script["error_lines"](tmp_path)
-    text = (DOCS / "runs.md").read_text(encoding="utf-8")
+    text = (DOCS / "tile.md").read_text(encoding="utf-8")
     (written,) = re.findall(rf"^\| {label} \| kinematic \|(.*)\|$", text, re.MULTILINE)
     ours, page = (re.findall(r"[\d.]+", words) for words in (" ".join(cells), written))
     # another processor may round the last digit in another way

@@ -1,4 +1,4 @@
-"""A Husky on tile and on wet grass: docs/wet_grass.md and the profile husky-wet-grass."""
+"""A Husky on tile and on wet grass: docs/tile.md and the profile husky-wet-grass."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HORIZON = 6.0
 MOVES = 0.3
 """Wheels turn by at least this much in a window that counts [rad]."""
 LATE = {"husky_tile": -0.034, "husky_wet_grass": 0.142}
-"""Delay of the headings behind the wheel rates [s]; docs/wet_grass.md, from whole logs by other
+"""Delay of the headings behind the wheel rates [s]; docs/tile.md, from whole logs by other
 means."""
 
 

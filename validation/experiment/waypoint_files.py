@@ -91,7 +91,7 @@ def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str
 
 
 def generic_path(speed: float) -> Waypoints:
-    """Return the generic trajectory: a lab's tight corners (docs/references.md).
+    """Return the generic trajectory: a lab's tight corners (docs/tracking.md).
 
     It is practicable at 0.25 m/s and hardly at 0.5. The thesis' own (Fig. 4.5) is lost. The
     reference speed is in m/s.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import math
 import re
@@ -171,6 +172,19 @@ def test_relative_links_lead_somewhere(page: Path) -> None:
             assert heading in anchors(target), (
                 f"{file}#{heading}: there are {sorted(anchors(target))}"
             )
+
+
+def test_addresses_of_earlier_versions_lead_somewhere() -> None:
+    tree = ast.parse((DOCS / "conf.py").read_text(encoding="utf-8"))
+    (moved,) = (
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "MOVED"
+    )
+    for old, new in moved.items():
+        assert not (DOCS / f"{old}.md").exists()
+        page, _, heading = new.partition(".html")
+        assert not heading or heading[1:] in anchors(DOCS / f"{page}.md"), new
 
 
 def test_every_page_is_listed_in_the_index() -> None:

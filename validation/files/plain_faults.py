@@ -152,6 +152,8 @@ _FOLLOWS = 0.004
 that slip make more."""
 _QUIET = 1.5e-4
 """Noise of a sample [m, rad] that no localiser reaches: half of that of motion capture."""
+_OWN = 0.7
+"""Noise of what is left over, over that of poses, below which these have none of their own [1]."""
 _NEARER = 0.4
 """Error of turns by wheels over that by a gyro below which a heading is made of the wheels."""
 _SOUND_GYRO = 0.01
@@ -267,7 +269,9 @@ def circular(e: Signals) -> Iterator[LogFault]:
         if errors is None or short is None:
             continue
         most = _FOLLOWS_TWIST if own else _FOLLOWS
-        follows = max(errors) < most and (max(short) < 0.3 * most if own else _is_noiseless(poses))
+        follows = max(errors) < most and (
+            max(short) < 0.3 * most if own else _has_no_noise(poses, short)
+        )
         way = f"{1e3 * errors[0]:.1f} mm and {math.degrees(errors[1]):.2f} deg in 6 s"
         if names == ENCODERS and not follows and "gyro_z" in e.ways:
             t, turned = e.ways["gyro_z"]
@@ -290,12 +294,17 @@ def circular(e: Signals) -> Iterator[LogFault]:
             return
 
 
-def _is_noiseless(poses: NewPoses) -> bool:
-    """Return whether poses have less noise than a localiser's, or no more than their digits."""
+def _has_no_noise(poses: NewPoses, left: tuple[float, float]) -> bool:
+    """Return whether poses have less noise than a localiser's, or no more than their digits.
+
+    Or theirs is that of the rates: what is `left` over of ways [m] and turns [rad] has less.
+    """
     steps = np.abs(np.diff(poses.pose, axis=0))
     rough = np.median(np.abs(np.diff(poses.pose, 3, axis=0)), axis=0) / 3.0
     least = [np.min(column[column > 0.0], initial=1.0) for column in steps.T]
-    return bool(np.all(rough < np.maximum(_QUIET, 0.6 * np.array(least))))
+    quiet = np.all(rough < np.maximum(_QUIET, 0.6 * np.array(least)))
+    own = left[0] < _OWN * float(max(rough[:2])) and left[1] < _OWN * float(rough[2])
+    return bool(quiet or own)
 
 
 FACTS = (circular, same_columns, set_points, degrees_of_latitude, frozen)

@@ -49,6 +49,10 @@ _LONGEST = 12.0
 
 TURN = "turn for 90° of the wheels"
 """BalanceRow of the turn on the spot."""
+ONE_WHEEL = "load of one wheel"
+"""Row of a robot whose weight lies between its wheels."""
+LEAST_TURN = 9.0
+"""Turn for 90° of the wheels from which on it is compared by its own size [°]."""
 ROLLING = "rolling"
 """First word of the row of a robot whose wheels turn on a slope."""
 
@@ -85,14 +89,7 @@ class BalanceRow(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return what robot.json has of it."""
-        return {
-            "row": self.row,
-            "found": self.found,
-            "expected": self.expected,
-            "unit": self.unit,
-            "share": self.share,
-            "cause": self.cause,
-        }
+        return self._asdict() | {"share": self.share}
 
     def as_text(self) -> dict[str, str]:
         """Return what a table shows of it."""
@@ -344,9 +341,7 @@ def _weigh_loads(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     found = float(loads[worst])
     cause = cause or robot.names[worst]
     share = float(shares[worst])
-    rows.append(
-        BalanceRow("load of one wheel", found, share, "N", share, limit=_UNEVEN, cause=cause)
-    )
+    rows.append(BalanceRow(ONE_WHEEL, found, share, "N", share, limit=_UNEVEN, cause=cause))
     return rows
 
 
@@ -401,10 +396,10 @@ def _weigh_turn(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     bounds = sorted(90.0 / turn.multiplier for turn in turns)
     found = 90.0 / measures.get("multiplier", math.inf)
     expected = min(max(found, bounds[0]), bounds[1])
-    rows = [BalanceRow(TURN, found, expected, "°", max(expected, 9.0))]
+    rows = [BalanceRow(TURN, found, expected, "°", max(expected, LEAST_TURN))]
     lifted = measures["lifted_share"]
     rows.append(BalanceRow("time of the wheels on the ground", 1.0 - lifted, 1.0, "", 1.0, 0.01))
-    if "multiplier_max" in measures and expected > 9.0:
+    if "multiplier_max" in measures and expected > LEAST_TURN:
         low = measures["multiplier_min"]
         mean = measures["multiplier"]
         high = measures["multiplier_max"]
@@ -425,7 +420,7 @@ def _weigh_way(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     if "load_ripple_share" in measures:
         rolling = measures.get("rolling_radius_m", 0.0)
         radius = robot.radius
-        rows.append(BalanceRow("rolling radius", rolling, radius, "m", radius))
+        rows.append(BalanceRow("radius by the way ahead", rolling, radius, "m", radius))
         rows.append(
             BalanceRow(
                 "drift over way ahead", abs(measures.get("veer_share", 0.0)), 0.0, "", 1.0, 0.02

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ssmr.errors import SsmrError
-from validation.descriptions.balance import ROLLING, BalanceRow, examine, weigh_robot
+from validation.descriptions.balance import ONE_WHEEL, ROLLING, BalanceRow, examine, weigh_robot
 from validation.descriptions.findings import Finding
 from validation.descriptions.influences import STOPPING
 from validation.descriptions.mjcf_text import Edits, MjcfText, Part
@@ -20,9 +20,9 @@ _ROUNDS = 2
 """Times that it is looked for changes that are not needed."""
 _HALVINGS = 4
 """Greatest number of times that the step is halved until the simulation runs."""
-_OF_FILE = ("unlike_wheels", "wheel_shape", "axes", "friction_by_heading", "which_friction")
+_OF_FILE = ("unlike_wheels", "wheel_shape", "axes", "friction_by_heading")
 """Kinds of what is wrong by the file alone: mended whatever drives say, if that harms none."""
-_EXPLAINING = (*STOPPING, *_OF_FILE, "weight_off", "hull")
+_EXPLAINING = (*STOPPING, *_OF_FILE, "which_friction", "weight_off", "hull")
 """Kinds that a file alone shows and that leave residuals in a balance."""
 Balance = Mapping[str, BalanceRow]
 
@@ -68,11 +68,12 @@ class Competition:
         self.robot = robot
         self.before: Balance = weigh_robot(robot)
         self.after: Balance = self.before
-        if text is None:
-            return
-        self._rescue(text)
+        if text is not None:
+            self._rescue(text)
+        # mechanics knows nothing of a robot whose weight lies outside of its wheels
+        self.stands = ONE_WHEEL in self.before
         is_off = any(row.excess > 1.0 for row in self.before.values())
-        if is_off or known.intersection(_OF_FILE):
+        if text is not None and self.stands and (is_off or known.intersection(_OF_FILE)):
             self._compete(text, known)
 
     def _rescue(self, text: MjcfText) -> None:
@@ -108,6 +109,7 @@ class Competition:
 
     def _compete(self, text: MjcfText, known: set[str]) -> None:
         """Make all changes, and take away again each that is not needed."""
+        forced = known.intersection(_OF_FILE)
         kept = list(self.kept)
         rescues = len(kept)
         for make in REMEDIES:
@@ -120,7 +122,7 @@ class Competition:
                 fewer = [other for other in kept if other is not remedy]
                 without = self._tried(fewer)
                 gains = _gains(without, after)
-                helps = max(gains.values(), default=0.0) > 0.0 or remedy[0] in known
+                helps = max(gains.values(), default=0.0) > 0.0 or remedy[0] in forced
                 if helps and min(gains.values(), default=0.0) >= 0.0:
                     continue
                 if sum(gains.values()) <= 0.0 or min(gains.values(), default=0.0) >= 0.0:
@@ -145,7 +147,7 @@ class Competition:
                 found.append(_judged(remedy[0], remedy[1], self.before[row], self.after, lines))
         explained = {f.kind for f in known if f.severity == "fault"}.intersection(_EXPLAINING)
         for row, weighed in self.before.items():
-            is_left = _excess_of(self.after, row) > 1.0 and not explained
+            is_left = _excess_of(self.after, row) > 1.0 and self.stands and not explained
             if is_left or (row.startswith(ROLLING) and weighed.excess > 1.0):
                 cause = f"{row} {weighed.words}"
                 cause += f" ({weighed.cause})" if weighed.cause else ""

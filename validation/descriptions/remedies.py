@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from mujoco import mjtDisableBit, mjtJoint, mjtSolver
@@ -48,14 +49,6 @@ def _reset(values: Mapping[Part, float], attribute: str, neutral: str, text: Mjc
         part: {attribute: neutral}
         for part, value in values.items()
         if value != float(neutral) and part in text
-    }
-
-
-def _of_joints(robot: OwnRobot, values: FloatArray) -> dict[Part, float]:
-    """Return the numbers of the wheels' degrees of freedom by their joints."""
-    return {
-        ("joint", name): float(values[dof])
-        for name, dof in zip(robot.names, robot.dofs, strict=True)
     }
 
 
@@ -110,25 +103,16 @@ def _base_damping(robot: OwnRobot, text: MjcfText) -> Remedy:
     return "held", f"damping of {damping:g} of the base's free joint brakes the robot", edits
 
 
-def _damping(robot: OwnRobot, text: MjcfText) -> Remedy:
-    values = _of_joints(robot, robot.model.dof_damping)
-    most = max(values.values())
-    edits = _reset(values, "damping", "0", text)
-    return "held", f"damping of {most:g} N m s/rad in the wheels' joints brakes them", edits
-
-
-def _dry(robot: OwnRobot, text: MjcfText) -> Remedy:
-    values = _of_joints(robot, robot.model.dof_frictionloss)
-    edits = _reset(values, "frictionloss", "0", text)
-    most = max(values.values())
-    return "held", f"frictionloss of {most:g} N m in the wheels' joints brakes them", edits
-
-
-def _springs(robot: OwnRobot, text: MjcfText) -> Remedy:
-    stiffness = robot.model.jnt_stiffness
-    values = {("joint", name): float(stiffness[robot.model.joint(name).id]) for name in robot.names}
-    edits = _reset(values, "stiffness", "0", text)
-    return "held", "stiffness in the wheels' joints: springs turn them back", edits
+def _of_axles(attribute: str, effect: str, robot: OwnRobot, text: MjcfText) -> Remedy:
+    """Take an attribute of the wheels' joints away."""
+    model = robot.model
+    values = {}
+    for name, dof in zip(robot.names, robot.dofs, strict=True):
+        of_joint = model.jnt_stiffness[model.joint(name).id]
+        own = {"damping": model.dof_damping[dof], "frictionloss": model.dof_frictionloss[dof]}
+        values["joint", name] = float(own.get(attribute, of_joint))
+    cause = f"{attribute} of {max(values.values()):g} in the wheels' joints {effect}"
+    return "held", cause, _reset(values, attribute, "0", text)
 
 
 def _inputs(robot: OwnRobot, text: MjcfText) -> Remedy:
@@ -377,9 +361,9 @@ def _servo(robot: OwnRobot, text: MjcfText) -> Remedy:
     if edits:
         edits[OPTION] = {"integrator": "implicitfast"}
         least = 0.025 * robot.mass * robot.radius**2
-        for part, armature in _of_joints(robot, model.dof_armature).items():
-            if armature < least and part in text:
-                edits[part] = {"armature": f"{least:.3g}"}
+        for name, dof in zip(robot.names, robot.dofs, strict=True):
+            if model.dof_armature[dof] < least and ("joint", name) in text:
+                edits["joint", name] = {"armature": f"{least:.3g}"}
     return "servo_soft", f"{cause}, which is no skidding and which no multiplier mends", edits
 
 
@@ -415,9 +399,9 @@ REMEDIES: Sequence[Callable[[OwnRobot, MjcfText], Remedy]] = (
     _lifted,
     _medium,
     _base_damping,
-    _damping,
-    _dry,
-    _springs,
+    partial(_of_axles, "damping", "brakes them"),
+    partial(_of_axles, "frictionloss", "brakes them"),
+    partial(_of_axles, "stiffness", "turns them back"),
     _inputs,
     _torsion,
     _masks,

@@ -121,6 +121,7 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
     ),
     "solver": (model(option=OPTION.replace("/>", ' solver="PGS" iterations="1"/>')), True),
     "effort": (model(force='ctrlrange="0 10"'), True),
+    "inertia of rotors": (model().replace(ROTOR, 'armature="60"'), True),
     "axes by toe": (model({"axis": "0.05 1 0"}), True),
 }
 """A model for each kind of finding, and whether the file that is written has it no more."""
@@ -246,7 +247,8 @@ def test_what_simulators_read_is_read(name: str, tmp_path: Path) -> None:
     own = check.document()["own_physics"]
     assert own["multiplier"] == pytest.approx(1.64, rel=0.02)
     kinds = {finding.kind for finding in check.findings}
-    assert kinds <= {"effort"}
+    assert kinds <= {"effort", "held"}
+    assert ("held" in kinds) is (name == "without a free joint")
 
 
 def test_parts_may_stand_in_other_files_and_pairs_may_name_a_floor_elsewhere(

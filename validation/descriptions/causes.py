@@ -152,7 +152,7 @@ class Competition:
                 cause = f"{row} {weighed.words}"
                 cause += f" ({weighed.cause})" if weighed.cause else ""
                 found.append(_judged("unexplained", cause, weighed, self.after))
-        return found + _ask_driven(self.robot)
+        return found + _ask_about(self.robot)
 
     def rows(self) -> list[BalanceRow]:
         """Return the balance with what eats the differences, once its findings are known."""
@@ -220,17 +220,15 @@ def _in_lines(final: Edits, edits: Edits, text: MjcfText) -> str:
     return "; ".join(parts)
 
 
-def _ask_driven(robot: OwnRobot) -> list[Finding]:
-    """Return a question where wheels have no servo although others have."""
-    if robot.driven.all():
-        return []
-    still = ", ".join(np.array(robot.names)[~robot.driven])
-    return [
-        Finding(
-            "driven",
-            "question",
-            f"no servo drives the wheels {still}: they roll along, and closed forms here have "
-            "four driven wheels",
-            "give each wheel a servo, or tie the wheels of a side",
-        )
-    ]
+def _ask_about(robot: OwnRobot) -> list[Finding]:
+    """Return questions about what was driven otherwise than as the file has it."""
+    asked = []
+    if robot.is_fixed:
+        cause = "its base is fixed to the world, so it does not move; here it is free"
+        asked.append(Finding("held", "question", cause, "give its base a <freejoint/>"))
+    if not robot.driven.all():
+        still = ", ".join(np.array(robot.names)[~robot.driven])
+        cause = f"no servo drives the wheels {still}: they roll along, and closed forms here have "
+        change = "give each wheel a servo, or tie the wheels of a side"
+        asked.append(Finding("driven", "question", f"{cause}four driven wheels", change))
+    return asked

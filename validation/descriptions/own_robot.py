@@ -39,8 +39,8 @@ LOADS = ("load_fl", "load_fr", "load_rl", "load_rr")
 class OwnRobot:
     """A compiled robot of others on its ground, and how its wheels are told their rates."""
 
-    rescued = False
-    """Whether its simulation runs only with a change."""
+    is_fixed = False
+    """Whether its file fixes its base to the world; here it is free."""
 
     @mujoco_failures()
     def __init__(self, text: str, files: Mapping[str, bytes], *, given_rates: bool = False) -> None:
@@ -66,7 +66,7 @@ class OwnRobot:
         root = spec.body(wheeled.model.body(wheeled.root).name)
         if not list(root.joints):
             root.add_freejoint()
-            self.notes.append("its base is fixed to the world; here it is free")
+            self.is_fixed = True
         self.ground = self._ground(spec)
         self._add_sensors(spec, root)
         left, right = np.abs(self._inputs(wheeled.model)).sum(axis=0).reshape(2, 2).sum(axis=0)

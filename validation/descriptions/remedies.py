@@ -25,6 +25,8 @@ _FIRM = 0.03
 """Droop of servos that turn the robot on the spot at the slowest speed [1]."""
 _SPARE = 1.5
 """Torque of motors over that of a turn on the spot [1]."""
+_ROTOR = 0.025
+"""Inertia of a wheel's rotor over mass and radius squared of robots [1]."""
 _LONGEST_STEP = 0.002
 """Greatest physics step that is proposed [s]."""
 _SWEEPS = 100
@@ -113,6 +115,19 @@ def _of_axles(attribute: str, effect: str, robot: OwnRobot, text: MjcfText) -> R
         values["joint", name] = float(own.get(attribute, of_joint))
     cause = f"{attribute} of {max(values.values()):g} in the wheels' joints {effect}"
     return "held", cause, _reset(values, attribute, "0", text)
+
+
+def _rotors(robot: OwnRobot, text: MjcfText) -> Remedy:
+    """Make rotors as light as robots of this size have them."""
+    usual = float(f"{_ROTOR * robot.mass * robot.radius**2:.3g}")
+    heavy = {}
+    for name, dof in zip(robot.names, robot.dofs, strict=True):
+        armature = float(robot.model.dof_armature[dof])
+        if armature > usual:
+            heavy["joint", name] = armature
+    mass = sum(heavy.values()) / robot.radius**2
+    cause = f"armature of the wheels' joints has to be set off like {mass:.3g} kg more"
+    return "inertia", cause, _reset(heavy, "armature", f"{usual:g}", text)
 
 
 def _inputs(robot: OwnRobot, text: MjcfText) -> Remedy:
@@ -360,7 +375,7 @@ def _servo(robot: OwnRobot, text: MjcfText) -> Remedy:
     cause = f"the wheels' servos are too soft (kv is {softest:g}) and give way to the ground"
     if edits:
         edits[OPTION] = {"integrator": "implicitfast"}
-        least = 0.025 * robot.mass * robot.radius**2
+        least = _ROTOR * robot.mass * robot.radius**2
         for name, dof in zip(robot.names, robot.dofs, strict=True):
             if model.dof_armature[dof] < least and ("joint", name) in text:
                 edits["joint", name] = {"armature": f"{least:.3g}"}
@@ -402,6 +417,7 @@ REMEDIES: Sequence[Callable[[OwnRobot, MjcfText], Remedy]] = (
     partial(_of_axles, "damping", "brakes them"),
     partial(_of_axles, "frictionloss", "brakes them"),
     partial(_of_axles, "stiffness", "turns them back"),
+    _rotors,
     _inputs,
     _torsion,
     _masks,

@@ -27,6 +27,7 @@ from validation.descriptions.examination import Examined, examine_foreign, exami
 from validation.descriptions.findings import Finding, static_findings
 from validation.descriptions.foreign_robot import is_description
 from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
+from validation.descriptions.influences import STOPPING
 from validation.descriptions.loading import load_robot
 from validation.engines.trial import examine_in_engine
 from validation.files.reading import read_text
@@ -252,7 +253,9 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     # trials of changes know better than numbers alone
     causes = {finding.cause for finding in examined.findings}
     tried = {f.kind for f in examined.findings if f.after is not None and f.severity == "fault"}
+    refuted = STOPPING if examined.closes else ()
     findings = [f for f in findings if f.cause not in causes and f.kind not in tried]
+    findings = [f for f in findings if f.severity != "fault" or f.kind not in refuted]
     findings += examined.findings
     findings.sort(key=lambda finding: finding.severity)
     report = RobotCheck(

@@ -163,6 +163,12 @@ class Competition:
             rows.append(row)
         return rows
 
+    @property
+    def closes(self) -> bool:
+        """Whether no row is off after the changes, of a robot that its own motors drive."""
+        is_driven = bool(self.robot.driven.all()) and not self.robot.given_rates
+        return is_driven and self.stands and all(r.excess <= 1.0 for r in self.after.values())
+
     def _own_row(self, remedy: Remedy) -> str:
         """Return the row that gains most by a change beside the others; empty where none does."""
         first = next(iter(self.before))

@@ -59,6 +59,8 @@ class Examined(NamedTuple):
     """Loads of the four wheels at rest [N]; empty where it does not stand."""
     balance: Sequence[BalanceRow] = ()
     """Rows of what is there beside what mechanics says."""
+    closes: bool = False
+    """Whether a driven balance closes, with the changes: what else might stop it is none."""
     mended: str | None = None
     """The file with the changes that help; None where there are none."""
 
@@ -107,6 +109,7 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
         sentences=[in_words(measures), *notes],
         findings=findings,
         balance=competition.rows(),
+        closes=competition.closes,
         numbers=own_physics(measures),
         loads=[measures[load] for load in LOADS if load in measures],
         mended=text.edited(together(kept)) if text and kept else None,

@@ -58,7 +58,8 @@ def _reset(values: Mapping[Part, float], attribute: str, neutral: str, text: Mjc
 def _flags(robot: OwnRobot, text: MjcfText) -> Remedy:
     off = {}
     for bit in mjtDisableBit.__members__.values():
-        if robot.model.opt.disableflags & int(bit):
+        is_one = bit.name.startswith("mjDSBL_")
+        if is_one and robot.model.opt.disableflags & int(bit):
             off[bit.name.removeprefix("mjDSBL_").lower()] = "enable"
     part = ("flag", "")
     edits = {part: off} if off and part in text else {}

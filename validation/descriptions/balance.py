@@ -328,7 +328,9 @@ def _weigh_loads(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     others = robot.other_contacts()
     cause = f"also touching: {others}" if others else ""
     rows = [BalanceRow("load of all wheels", float(loads.sum()), weight, "N", weight, cause=cause)]
-    turning = float(robot.model.dof_M0[robot.dofs].sum()) / robot.radius**2
+    # of the file's own rotors
+    dofs = wheeled.model.jnt_dofadr[wheeled.joints]
+    turning = float(robot.wheeled.model.dof_M0[dofs].sum()) / robot.radius**2
     mass = robot.mass
     rows.append(
         BalanceRow("mass to set off, wheels turning", mass + turning, mass, "kg", mass, 1.0)

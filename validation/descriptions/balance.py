@@ -427,7 +427,9 @@ def _weigh_way(robot: OwnRobot, measures: Measures) -> list[BalanceRow]:
     if "load_ripple_share" in measures:
         rolling = measures.get("rolling_radius_m", 0.0)
         radius = robot.radius
-        rows.append(BalanceRow("radius by the way ahead", rolling, radius, "m", radius))
+        # tyres that sink roll on less
+        expected = min(max(rolling, radius - robot.sinking), radius)
+        rows.append(BalanceRow("radius by the way ahead", rolling, expected, "m", radius))
         rows.append(
             BalanceRow(
                 "drift over way ahead", abs(measures.get("veer_share", 0.0)), 0.0, "", 1.0, 0.02

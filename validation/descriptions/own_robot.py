@@ -387,12 +387,21 @@ class OwnRobot:
         of_joints = np.where(model.jnt_actfrclimited[joints], of_joints, np.inf)
         return np.minimum(of_motors.sum(axis=0), of_joints)
 
+    def _resting(self) -> mujoco.MjData:
+        data = mujoco.MjData(self.model)
+        mujoco.mj_setState(self.model, data, self.rest, _STATE)
+        mujoco.mj_forward(self.model, data)
+        return data
+
+    @property
+    def sinking(self) -> float:
+        """Greatest depth of the contacts at rest [m]."""
+        return float(max(0.0, *(-self._resting().contact.dist), 0.0))
+
     def other_contacts(self) -> str:
         """Return the names of the robot's shapes that touch at rest, beside tyres on the ground."""
         model = self.model
-        data = mujoco.MjData(model)
-        mujoco.mj_setState(model, data, self.rest, _STATE)
-        mujoco.mj_forward(model, data)
+        data = self._resting()
         drums = [drum.geom for drum in self.tyres if drum is not None]
         tyres = {self.wheeled.model.geom(geom).name for geom in drums}
         root = model.body(self.wheeled.model.body(self.wheeled.root).name).id

@@ -131,16 +131,25 @@ def _read_path(path: Path, options: ReadOptions, radius: float | None) -> Log:
     read = next((f.read for f in FORMATS if f.read is not None and f.recognises(path)), None)
     if read is None:
         raise FileError(path, f"this is no log by its ending; logs are {readable()}")
-    if path.is_file():
-        with opened(path) as file:
-            head = file.read(16)
-        for beginning, (ending, what) in _BEGINNINGS.items():
-            if head.startswith(beginning) and path.suffix.lower() != ending:
-                raise FileError(path, f"by its content this is {what}")
     if read is read_bag and set(options.columns) - set(COMMAND_COLUMNS["wheels"]):
         what = "of a bag, columns names the joints of enc_left and enc_right; --topics names topics"
         raise FileError(path, what)
-    return read(path, options, radius)
+    try:
+        return read(path, options, radius)
+    except FileError:
+        _refuse_other_content(path)
+        raise
+
+
+def _refuse_other_content(path: Path) -> None:
+    """Say what a file is that its ending does not tell."""
+    if path.is_dir():
+        return
+    with opened(path) as file:
+        head = file.read(16)
+    for beginning, (ending, what) in _BEGINNINGS.items():
+        if head.startswith(beginning) and path.suffix.lower() != ending:
+            raise FileError(path, f"by its content this is {what}") from None
 
 
 def format_of_target(path: str | Path) -> LogFormat:

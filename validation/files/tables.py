@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -90,9 +90,11 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
         FileError: the file is no CSV file, is empty, has rows that differ in length or is beyond
             the limits.
     """
-    layout = _find_layout(path, limits)
-    plain = _read_plain_table(path, layout, limits.samples)
-    return plain or read_rows(path, layout.line, layout.header, _rows(path, layout), limits)
+    with opened(path, limits.bytes_of("table_size"), "table_size") as file:
+        layout = _find_layout(path, file)
+        plain = _read_plain_table(path, file, layout, limits.samples)
+        rows = _rows(path, file, layout)
+        return plain or read_rows(path, layout.line, layout.header, rows, limits)
 
 
 def read_rows(
@@ -155,14 +157,14 @@ def _require_one_sign(path: Path, found: Mapping[str, tuple[int, str]]) -> None:
         raise FileError(path, what, line)
 
 
-def _read_plain_table(path: Path, layout: _Layout, most: float) -> CsvTable | None:
+def _read_plain_table(path: Path, file: BinaryIO, layout: _Layout, most: float) -> CsvTable | None:
     """Return a large table whose cells are all finite numbers or empty; None for any other.
 
     pyarrow reads it several times as fast as what reads others with care.
     """
     if path.stat().st_size < _QUICK or layout.separator == " " or layout.encoding != "utf-8-sig":
         return None
-    columns = _parse_quickly(path, layout)
+    columns = _parse_quickly(file, layout)
     if columns is None or not 0 < len(columns[0]) <= most:
         return None
     first = layout.skipped + 1
@@ -171,7 +173,7 @@ def _read_plain_table(path: Path, layout: _Layout, most: float) -> CsvTable | No
     return CsvTable(path, header, layout.line, lines, columns, [None] * len(header))
 
 
-def _parse_quickly(path: Path, layout: _Layout) -> list[FloatArray] | None:
+def _parse_quickly(file: BinaryIO, layout: _Layout) -> list[FloatArray] | None:
     """Return the read-only columns of a table with points or else commas in its numbers.
 
     None where pyarrow is missing, or finds what is neither a finite number nor an empty cell. The
@@ -192,7 +194,7 @@ def _parse_quickly(path: Path, layout: _Layout) -> list[FloatArray] | None:
         )
         pieces: list[list[FloatArray]] = [[] for _ in names]
         try:
-            for block in _blocks_of_lines(path, layout.skipped):
+            for block in _blocks_of_lines(file, layout.skipped):
                 part = quick.read_csv(py_buffer(block), reading, parsing, converting)
                 _add_numbers(pieces, part.columns)
         except (OSError, ValueError):  # which is said by what reads with care
@@ -205,22 +207,22 @@ def _parse_quickly(path: Path, layout: _Layout) -> list[FloatArray] | None:
     return None
 
 
-def _blocks_of_lines(path: Path, skipped: int) -> Iterator[bytes]:
+def _blocks_of_lines(file: BinaryIO, skipped: int) -> Iterator[bytes]:
     """Yield the lines of a file but the first ones, some together; a ValueError where none end."""
-    with opened(path) as file:
-        for _ in range(skipped):
-            file.readline()
-        rest = b""
-        while block := file.read(_BLOCK):
-            end = block.rfind(b"\n") + 1
-            if not end and len(block) == _BLOCK:
-                raise ValueError
-            if end:
-                yield rest + block[:end]
-                rest = b""
-            rest += block[end:]
-        if rest:
-            yield rest
+    file.seek(0)
+    for _ in range(skipped):
+        file.readline()
+    rest = b""
+    while block := file.read(_BLOCK):
+        end = block.rfind(b"\n") + 1
+        if not end and len(block) == _BLOCK:
+            raise ValueError
+        if end:
+            yield rest + block[:end]
+            rest = b""
+        rest += block[end:]
+    if rest:
+        yield rest
 
 
 def _add_numbers(pieces: Sequence[list[FloatArray]], columns: Sequence[Any]) -> None:
@@ -264,15 +266,14 @@ class _Row(NamedTuple):
     cells: list[str]
 
 
-def _find_layout(path: Path, limits: LogLimits) -> _Layout:
+def _find_layout(path: Path, file: BinaryIO) -> _Layout:
     """Return how a table is written, by its beginning.
 
     The sign between the columns is the one that splits most rows into equally many cells, and the
     header is the first such row. Units may stand in a row below it. What `ros2 topic echo --csv`
     writes has no header; the number of columns tells the message.
     """
-    with opened(path, limits.bytes_of("table_size"), "table_size") as file:
-        head = file.read(_HEAD)
+    head = file.read(_HEAD)
     encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else ""
     encoding = encoding or "utf-8-sig"
     lines = list(io.StringIO(head.decode(encoding, _errors_in(encoding)), newline=""))
@@ -389,16 +390,16 @@ def _date(cell: str) -> float:
         return math.nan
 
 
-def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
+def _rows(path: Path, file: BinaryIO, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
     """Yield the line and the cells of each row below the header; bad UTF-8 will be no number."""
     line = layout.skipped
-    with opened(path) as file:
-        try:
-            errors = _errors_in(layout.encoding)
-            text = io.TextIOWrapper(file, encoding=layout.encoding, errors=errors, newline="")
-            below = itertools.islice(text, layout.skipped, None)
-            for row in _split_rows(below, layout.separator, layout.skipped):
-                line = row.end
-                yield row.line, row.cells
-        except csv.Error as cause:
-            raise FileError(path, f"this is no CSV: {cause}", line + 1) from cause
+    file.seek(0)
+    errors = _errors_in(layout.encoding)
+    text = io.TextIOWrapper(file, encoding=layout.encoding, errors=errors, newline="")
+    below = itertools.islice(text, layout.skipped, None)
+    try:
+        for row in _split_rows(below, layout.separator, layout.skipped):
+            line = row.end
+            yield row.line, row.cells
+    except csv.Error as cause:
+        raise FileError(path, f"this is no CSV: {cause}", line + 1) from cause

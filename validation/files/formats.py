@@ -52,7 +52,6 @@ _BEGINNINGS = {
     b"\x89MCAP": (".mcap", "a ROS 2 bag: let its name end in .mcap"),
     b"#ROSBAG": (".bag", "a ROS 1 bag: let its name end in .bag"),
     b"PK\x03\x04": ("", "a workbook or an archive: save the sheet as CSV, or unpack it"),
-    b"\x1f\x8b": ("", "compressed: unpack it by gunzip"),
 }
 """Beginnings of files, with the ending of their names and what is said where it is another."""
 

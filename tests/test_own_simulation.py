@@ -106,7 +106,7 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
     ),
     "held by springs": (model().replace('armature="0.05"', 'armature="0.05" stiffness="30"'), True),
     "held by a liquid": (
-        model(option=OPTION.replace("/>", ' density="1e3" viscosity="5"/>')),
+        model(option=OPTION.replace("/>", ' density="1e3" viscosity="60"/>')),
         True,
     ),
     "held by a tie": (

@@ -210,9 +210,14 @@ def _model_findings(rows: Sequence[BalanceRow], turn: Mapping[str, float]) -> li
     found = []
     off = [row for row in rows if row.row == TURN and row.excess > 1.0]
     for row in off:
-        kind = "wheel_shape" if row.found > 0.0 else "motor_weak"
-        remedy = "keep the usual wheel_shape and timestep" if row.found > 0.0 else None
-        cause = f"the simulated robot does not do as mechanics says: {row.row} {row.words}"
+        kind = "motor_weak"
+        cause = "the simulated robot did not turn once on the spot in twice the time of mechanics"
+        remedy = None
+        if row.found > 0.0:
+            kind = "wheel_shape"
+            cause = f"the simulated robot turns with a multiplier of {90.0 / row.found:.3f}, and "
+            cause += f"mechanics says {90.0 / row.expected:.3f}"
+            remedy = "keep the usual wheel_shape and timestep"
         found.append(Finding(kind, "fault", cause, remedy))
     if turn["lifted_share"] > 0.0:
         found.append(

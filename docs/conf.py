@@ -90,7 +90,7 @@ MOVED = {
     "printed_parameters": "lab.html#the-printed-parameters-in-mujoco",
     "references": "tracking.html#reference-trajectories",
     "reliability": "index.html",
-    "runs": "tile.html#every-log-calibrated-and-judged-on-its-last-third",
+    "runs": "tile.html#every-log-calibrated-and-judged-on-what-it-has-not-seen",
     "speed": "index.html",
     "wet_grass": "tile.html#tile-and-wet-grass",
 }

@@ -116,7 +116,10 @@ def test_the_readme_s_commands_run_first_and_pytest_has_the_last_word(house: Pat
     status, output, calls = ci(house, "true")
     assert calls[:3] == ["pip install compare traj4", "pip install .[test]", "python -m pytest"]
     assert calls[3:7] == ["pip install -e .[dev]", "ruff check .", "ruff format --check .", "mypy "]
-    assert calls[7] == "bandit -q -c pyproject.toml -r ssmr validation"
+    assert calls[7:9] == [
+        "python -m pytest -q -m slow tests/test_snippets.py",
+        "bandit -q -c pyproject.toml -r ssmr validation",
+    ]
     assert output[-2:] == ["everything passed", "== 3 passed in 0.10s =="]
     assert status == 0
 

@@ -164,6 +164,6 @@ def test_bash_completes_programs_studies_and_options(tmp_path: Path, call: Call)
 
     assert completed("ssmr", "") == {*ssmr.PROGRAMS, "-h", "--help", "--version"}
     assert "check" in completed("ssmr", "robots", "")
-    assert completed("ssmr", "compare", "--pl") == {"--plants"}
+    assert completed("ssmr", "compare", "--plan") == {"--plants"}
     assert completed("ssmr", "compare", "--input", "") == {"commands", "wheels"}
     assert all(word.startswith("-") for word in completed("ssmr", "fit", ""))

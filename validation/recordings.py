@@ -41,7 +41,7 @@ from validation.files.names import as_option
 from validation.files.offsets import Offset, synchronised, why_without_stamps
 from validation.files.reading import FileError, exists, read_file
 from validation.files.sensors import Signals
-from validation.output import file_name, write_json
+from validation.output import file_name, make_folder, write_json
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
@@ -547,6 +547,8 @@ def _make_command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
             cli.require_writable(target.parent)
         elif isinstance(o, Convert):
             target = Path("runs") / "recordings" / f"{file_name(Path(source).stem)}.csv"
+        if isinstance(o, Info) and o.out is not None:
+            make_folder(Path(o.out))
         info: LogReport = program.run(o)
         if target is not None:
             if named is not None and not o.overwrite:
@@ -569,7 +571,6 @@ def _save_strip(path: Path, info: LogReport) -> Path:
     ours = exists(beside) and _OURS in read_file(beside, _MOST_OURS)
     if exists(path) and not ours and not info.asked.overwrite:
         raise FileError(path, "there is such a file already; name another folder, or --overwrite")
-    path.parent.mkdir(parents=True, exist_ok=True)
     info.save_picture(path)
     return path
 

@@ -307,8 +307,8 @@ def _drifting_scale(e: Agreement) -> Iterator[Idea]:
             f"{' and '.join(names)} tell a way that grows to {times:.2f} times what it is at first "
             f"beside {_COLUMNS_OF['way', others[0]]}"
         )
-        size = float(flat) if sensor == "pose" else 1.0  # wheels may be in any unit
-        changed = {name: e.means[name] / (size * trend) for name in names}
+        # a factor that it has from the first on is another cause
+        changed = {name: e.means[name] * trend[0] / trend for name in names}
         yield Idea("scale", names, words, e.but(changed), 2.0)
 
 

@@ -64,7 +64,8 @@ _WORDS = re.compile(
     "|".join(sorted({*_KIND_OF, *_SOURCE_OF, *_OTHERS, *_AXES}, key=len, reverse=True))
 )
 _WHEEL = re.compile(
-    r"veloc|vel$|rate|speed|omega|rpm|wheel|rad_s|enc|tick|motor|effort|torque|^[frmb][lr]$|^[lr][frmb]$"
+    r"veloc|vel$|rate|speed|omega|rpm|wheel|rad_s|enc|tick|motor|effort|torque"
+    r"|^[frmb][lr]$|^[lr][frmb]$"
 )
 """Parts of the names of columns of wheels."""
 _RATE = re.compile(r"vel|rate|speed|omega")

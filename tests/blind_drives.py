@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 Array = NDArray[np.float64]
 DATA = Path(os.environ.get("SSMR_DATA", Path(__file__).parents[2] / "shared" / "data"))
 STEP = 0.005
-"""Of the true motion [s]."""
+"""Time between two samples of the true motion [s]."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Robot:
 
     radius: float
     half_track: float
-    """Of turning: with it the yaw rate is that of rolling wheels."""
+    """Half-track with which rolling wheels would give the robot's yaw rate."""
     driver_half_track: float
     speed: float
     turn: float
@@ -40,7 +40,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class Localiser:
-    """What measures the pose: noise [m, rad], rate [Hz], delay [s]."""
+    """A source of poses has noise [m, rad], a rate [Hz] and a delay [s]."""
 
     noise: float
     yaw_noise: float
@@ -88,7 +88,7 @@ class Setup:
     start: tuple[float, float, float] = (0.0, 0.0, 0.3)
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
     centre: float = 0.03
-    """How far behind the tracked origin the robot turns [m]."""
+    """The robot turns about a point so far behind the tracked origin [m]."""
     limit: float = np.inf
     """Yaw acceleration that the driver allows [rad/s^2]."""
 
@@ -103,10 +103,10 @@ class Log:
     robot: Robot
     options: list[str] = field(default_factory=list)
     jumps: int = 0
-    """That its localiser may have made."""
+    """Its localiser may have made so many jumps of the pose."""
 
     def copied(self) -> Log:
-        """The same log, whose table may be changed.
+        """Return the same log with a table that may be changed.
 
         Returns:
             A log with a table of its own.
@@ -295,7 +295,7 @@ def add_motion(truth: pd.DataFrame, setup: Setup, go_left: Array, go_right: Arra
 
 
 def write_signals(setup: Setup, truth: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
-    """What the sensors of this robot write, on one common clock.
+    """Return what the sensors of this robot write, on one common clock.
 
     Returns:
         A table with our names; cells are empty where a slower sensor has nothing new.

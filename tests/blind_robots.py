@@ -17,7 +17,7 @@ class Spec:
     """A robot: metres, kilograms; its axles lie in the base's origin."""
 
     mass: float
-    """Of the body."""
+    """Mass of the body without its wheels."""
     wheelbase: float
     track: float
     radius: float
@@ -26,7 +26,7 @@ class Spec:
     body: tuple[float, float, float]
     mu: float = 0.8
     high: float = 0.06
-    """Of the body's middle above the axles."""
+    """Height of the body's middle above the axles."""
 
     @property
     def total(self) -> float:

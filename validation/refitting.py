@@ -55,14 +55,16 @@ def settings_of(
     # its run is dear, and fits before know where to begin
     settings["search"] = "lsq"
     if done:
-        return settings | _continued(done[-1], settings.get("free", plant_kind(plant).free[kind]))
+        return settings | _options_to_go_on(
+            done[-1], settings.get("free", plant_kind(plant).free[kind])
+        )
     if "free" in settings:
         driver = known[FIRST_FITTED, kind][k]
         settings["guess"] = within_bounds(driver, plant, settings["bounds"])
     return settings
 
 
-def _continued(f: Fitted, names: Sequence[str]) -> dict[str, Any]:
+def _options_to_go_on(f: Fitted, names: Sequence[str]) -> dict[str, Any]:
     """Return where a fit of some numbers to other data begins that goes on from another one.
 
     What that one held, because its data did not tell it, is held again.

@@ -102,7 +102,7 @@ def _run_planar_loop(
 
 
 _Carried = tuple[FloatArray, Any, FloatArray, Any]
-"""What S loops carry from period to period: (S, 7) memories of the laws, (S,) segments of the
+"""S loops carry this from period to period: (S, 7) memories of the laws, (S,) segments of the
 targets, (S, 4) states of the drivers, and (S,) whether they are alive; the log of a robot that was
 lost grows no more."""
 _Written = tuple[FloatArray, FloatArray, FloatArray]

@@ -262,7 +262,7 @@ def _turn_measures(
     return measures
 
 
-def _curve(robot: OwnRobot, known: Measures) -> Measures:
+def _drive_curve(robot: OwnRobot, known: Measures) -> Measures:
     """Drive a curve, with its own step and with half of it."""
     rate = _speed(robot, SPEEDS[2]) / robot.radius
     rates = (_INSIDE * rate, rate)
@@ -303,7 +303,7 @@ def _slopes(robot: OwnRobot, known: Measures) -> Measures:
     return measures
 
 
-_TRIALS = (_stand, _straight, _turns, _curve, _slopes)
+_TRIALS = (_stand, _straight, _turns, _drive_curve, _slopes)
 
 
 # ------------------------------------------------------------------------- rows

@@ -32,7 +32,7 @@ def _excess_of(balance: Balance, row: str) -> float:
     return min(balance[row].excess, 1e6) if row in balance else 1e6
 
 
-def _gains(before: Balance, after: Balance) -> dict[str, float]:
+def _gains_of_rows(before: Balance, after: Balance) -> dict[str, float]:
     """Return by how much rows that are off come closer, in their limits; negative for a harm."""
     gains = {}
     for row in {**before, **after}:
@@ -121,7 +121,7 @@ class Competition:
             for remedy in kept[:rescues:-1] + kept[rescues : rescues + 1]:
                 fewer = [other for other in kept if other is not remedy]
                 without = self._tried(fewer)
-                gains = _gains(without, after)
+                gains = _gains_of_rows(without, after)
                 helps = max(gains.values(), default=0.0) > 0.0 or remedy[0] in forced
                 if helps and min(gains.values(), default=0.0) >= 0.0:
                     continue
@@ -144,14 +144,16 @@ class Competition:
                 changes = together([remedy, *added])
                 added = []
                 lines = _in_lines(final, changes, self.text)
-                found.append(_judged(remedy[0], remedy[1], self.before[row], self.after, lines))
+                found.append(
+                    _judge_change(remedy[0], remedy[1], self.before[row], self.after, lines)
+                )
         explained = {f.kind for f in known if f.severity == "fault"}.intersection(_EXPLAINING)
         for row, weighed in self.before.items():
             is_left = _excess_of(self.after, row) > 1.0 and self.stands and not explained
             if is_left or (row.startswith(ROLLING) and weighed.excess > 1.0):
                 cause = f"{row} {weighed.words}"
                 cause += f" ({weighed.cause})" if weighed.cause else ""
-                found.append(_judged("unexplained", cause, weighed, self.after))
+                found.append(_judge_change("unexplained", cause, weighed, self.after))
         return found + _ask_about(self.robot)
 
     def rows(self) -> list[BalanceRow]:
@@ -175,17 +177,19 @@ class Competition:
         if remedy[0] == "step" and self.before[first].excess > 1.0:
             return first
         without = self._tried(other for other in self.kept if other is not remedy)
-        gains = {row: gain for row, gain in _gains(without, self.after).items() if gain > 0.0}
+        gains = {
+            row: gain for row, gain in _gains_of_rows(without, self.after).items() if gain > 0.0
+        }
         if not gains and len(self.kept) == 1:
             return first
         for row, gain in gains.items():
             self.eaters[row] = max(self.eaters.get(row, (0.0, "")), (gain, remedy[1]))
-        closer = _gains(self.before, self.after)
+        closer = _gains_of_rows(self.before, self.after)
         rows = [row for row in gains if closer.get(row, 0.0) > 0.0 and row in self.before]
         return max(rows, key=lambda row: min(gains[row], closer[row]), default="")
 
 
-def _judged(
+def _judge_change(
     kind: str, cause: str, row: BalanceRow, after: Balance, lines: str | None = None
 ) -> Finding:
     """Return a finding with the numbers of its row before and after the changes."""

@@ -55,7 +55,7 @@ def _reset(values: Mapping[Part, float], attribute: str, neutral: str, text: Mjc
 
 
 # ------------------------------------------------------------------- what brakes, holds or lifts
-def _flags(robot: OwnRobot, text: MjcfText) -> Remedy:
+def _mend_flags(robot: OwnRobot, text: MjcfText) -> Remedy:
     off = {}
     for bit in mjtDisableBit.__members__.values():
         is_one = bit.name.startswith("mjDSBL_")
@@ -66,7 +66,7 @@ def _flags(robot: OwnRobot, text: MjcfText) -> Remedy:
     return "held", f"<flag> disables {', '.join(off)}", edits
 
 
-def _gravity(robot: OwnRobot, _: MjcfText) -> Remedy:
+def _mend_gravity(robot: OwnRobot, _: MjcfText) -> Remedy:
     x, y, z = robot.model.opt.gravity.tolist()
     edits = {OPTION: {"gravity": _row(0.0, 0.0, -robot.gravity)}} if x or y or z > 0.0 else {}
     return "load", f"gravity of {x:g} {y:g} {z:g} m/s2 does not point down", edits
@@ -80,7 +80,7 @@ def _ties(robot: OwnRobot, text: MjcfText) -> Remedy:
     return "held", "an <equality> ties wheels to each other or to something else", edits
 
 
-def _lifted(robot: OwnRobot, text: MjcfText) -> Remedy:
+def _lift_robot(robot: OwnRobot, text: MjcfText) -> Remedy:
     model = robot.wheeled.model
     bodies = robot.wheeled.group(robot.wheeled.root)
     values = {("body", model.body(body).name): float(model.body_gravcomp[body]) for body in bodies}
@@ -131,7 +131,7 @@ def _rotors(robot: OwnRobot, text: MjcfText) -> Remedy:
     return "inertia", cause, _reset(heavy, "armature", f"{usual:g}", text)
 
 
-def _inputs(robot: OwnRobot, text: MjcfText) -> Remedy:
+def _mend_inputs(robot: OwnRobot, text: MjcfText) -> Remedy:
     edits = dict[Part, Mapping[str, str]]()
     for name in robot.servos:
         servo = robot.model.actuator(name)
@@ -178,7 +178,7 @@ def _masks(robot: OwnRobot, text: MjcfText) -> Remedy:
     return "load", "contype and conaffinity keep tyres and ground apart", edits
 
 
-def _friction(robot: OwnRobot, text: MjcfText) -> Remedy:
+def _mend_friction(robot: OwnRobot, text: MjcfText) -> Remedy:
     """Give tyres, or their contact pairs, one sliding friction in all directions."""
     model = robot.wheeled.model
     rows = {}
@@ -212,13 +212,13 @@ def _friction(robot: OwnRobot, text: MjcfText) -> Remedy:
     return kind, cause, edits
 
 
-def _cone(robot: OwnRobot, _: MjcfText) -> Remedy:
+def _mend_cone(robot: OwnRobot, _: MjcfText) -> Remedy:
     edits = {} if robot.model.opt.cone == 1 else {OPTION: {"cone": "elliptic"}}
     cause = "friction is bounded by a pyramid along axes that do not turn with the robot"
     return "pyramid", cause, edits
 
 
-def _impratio(robot: OwnRobot, _: MjcfText) -> Remedy:
+def _mend_impratio(robot: OwnRobot, _: MjcfText) -> Remedy:
     ratio = robot.model.opt.impratio
     edits = {} if ratio >= _IMPRATIO else {OPTION: {"impratio": f"{_IMPRATIO:g}"}}
     return "creep", f"contacts of impratio {ratio:g} let standing tyres slide", edits
@@ -304,7 +304,7 @@ def _on_axle(robot: OwnRobot, geom: int, joint: int) -> FloatArray:
     return np.asarray(np.round(local, 6) + 0.0)
 
 
-def _axes(robot: OwnRobot, text: MjcfText) -> Remedy:
+def _mend_axes(robot: OwnRobot, text: MjcfText) -> Remedy:
     """Turn the axes of wheels whose sign differs from that of the others, or that toe in or out."""
     wheeled = robot.wheeled
     edits = {}
@@ -318,7 +318,7 @@ def _axes(robot: OwnRobot, text: MjcfText) -> Remedy:
     return "axes", "axes of the wheels do not point the same way", edits
 
 
-def _heights(robot: OwnRobot, text: MjcfText) -> Remedy:
+def _mend_heights(robot: OwnRobot, text: MjcfText) -> Remedy:
     """Bring the axles to one height."""
     wheeled = robot.wheeled
     heights = wheeled.data.xanchor[wheeled.joints, 2]
@@ -409,26 +409,26 @@ def _motor(robot: OwnRobot, text: MjcfText) -> Remedy:
 
 
 REMEDIES: Sequence[Callable[[OwnRobot, MjcfText], Remedy]] = (
-    _flags,
-    _gravity,
+    _mend_flags,
+    _mend_gravity,
     _ties,
-    _lifted,
+    _lift_robot,
     _medium,
     _base_damping,
     partial(_of_axles, "damping", "brakes them"),
     partial(_of_axles, "frictionloss", "brakes them"),
     partial(_of_axles, "stiffness", "turns them back"),
     _rotors,
-    _inputs,
+    _mend_inputs,
     _torsion,
     _masks,
-    _friction,
+    _mend_friction,
     _shape,
-    _axes,
-    _heights,
+    _mend_axes,
+    _mend_heights,
     _solver,
-    _cone,
-    _impratio,
+    _mend_cone,
+    _mend_impratio,
     _soft,
     _step,
     _motor,

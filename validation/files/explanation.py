@@ -367,12 +367,12 @@ def explanations(e: Agreement) -> list[Explanation]:
             partly = span.stop - span.start < n
             price = 4.0 + 0.5 * math.log(n) * (idea.freedom + 2.0 * partly)
             gain = float(gains[span].sum()) - price
-            if gain > max(_LEAST, _LEAST_EACH * n) and _explains(e, idea, span):
+            if gain > max(_LEAST, _LEAST_EACH * n) and _explains_span(e, idea, span):
                 found.append(Explanation(gain, idea, span))
     return sorted(found, key=lambda v: -v.gain)
 
 
-def _explains(e: Agreement, idea: Idea, span: slice) -> bool:
+def _explains_span(e: Agreement, idea: Idea, span: slice) -> bool:
     """Return whether little is left over between the signals that a hypothesis changes."""
     changed = [k for k, pair in enumerate(e.pairs) if pair is not idea.after.pairs[k]]
     before = float(np.mean(np.nan_to_num(e.costs)[changed, span]))
@@ -390,7 +390,7 @@ def _best_span(gains: FloatArray) -> slice:
     return slice(start, stop)
 
 
-def _corrected(e: Agreement, best: Explanation) -> Agreement:
+def _correct_signals(e: Agreement, best: Explanation) -> Agreement:
     """Return what a log tells with the mistake undone where it was made."""
     inside = np.zeros(len(e.signals.windows.t), dtype=bool)
     inside[best.span] = True
@@ -420,14 +420,14 @@ def judged(signals: Signals) -> Iterator[LogFault]:
             near = other.gain > (1.0 - _TIE) * best.gain
             if near and not {*best.idea.columns} & {*other.idea.columns}:
                 rivals.setdefault(other.idea.columns, other)
-        yield _fault(signals, list(rivals.values()))
+        yield _make_fault(signals, list(rivals.values()))
         if "t" in best.idea.columns:
             return  # whatever else there is, is of that
         blamed |= {*chain(*rivals)}
-        e = _corrected(e, best)
+        e = _correct_signals(e, best)
 
 
-def _fault(signals: Signals, rivals: Sequence[Explanation]) -> LogFault:
+def _make_fault(signals: Signals, rivals: Sequence[Explanation]) -> LogFault:
     """Return the fault of one hypothesis, or of several that are as good."""
     best = rivals[0]
     t = signals.windows.t

@@ -281,7 +281,7 @@ def _find_layout(path: Path, file: BinaryIO) -> _Layout:
         lines.pop()
     separator, rows = max(
         ((sign, _first_rows(lines, sign)) for sign in _SEPARATORS),
-        key=lambda found: _alike(found[1])[0],
+        key=lambda found: _span_of_alike_rows(found[1])[0],
     )
     if not rows:
         what = "a header line with the names of columns, and lines of numbers"
@@ -289,7 +289,7 @@ def _find_layout(path: Path, file: BinaryIO) -> _Layout:
     if "\0" in "".join(rows[0].cells):
         what = "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text"
         raise FileError(path, what, rows[0].line)
-    _, width = _alike(rows)
+    _, width = _span_of_alike_rows(rows)
     if width == 1:
         what = "nothing separates the columns; wanted commas, semicolons, tabs or spaces"
         raise FileError(path, what, rows[0].line)
@@ -307,7 +307,7 @@ def _first_rows(lines: Iterable[str], separator: str) -> list[_Row]:
     return rows
 
 
-def _alike(rows: Sequence[_Row]) -> tuple[int, int]:
+def _span_of_alike_rows(rows: Sequence[_Row]) -> tuple[int, int]:
     """Return how many rows have the usual number of cells, none if that is one, and the number."""
     usual = Counter(len(row.cells) for row in rows).most_common(1)
     width, count = usual[0] if usual else (1, 0)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ssmr.parameters import describe_parameters
@@ -18,6 +18,7 @@ from validation.files.csv_logs import read_csv, write_csv
 from validation.files.formats import read_log
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import Log, ReadOptions
+from validation.files.names import taken_by_name
 from validation.files.reading import FileError
 from validation.files.signals import TIME_ROUNDOFF
 
@@ -224,6 +225,7 @@ def test_round_trip_is_bit_identical(
         n: np.zeros(len(t)) if n.endswith("yaw") else a for n, a in {**known, **others}.items()
     }
     written = Log.of_columns("drive.csv", {"t": t, **columns})
+    assume(not taken_by_name(["t", *columns]))  # a heading is taken for the yaw, as it should be
     write_csv(written, path)
     got = read_csv(
         path,

@@ -1,7 +1,7 @@
 """Draw the pictures of docs/first_comparison.md, each with the example that stands beside it.
 
 Usage: `python docs/make_gallery.py [NAME ...]`, all where none is named. An example runs in an
-empty folder; its picture is made 480 px wide.
+empty folder; its picture is made 800 px wide.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ import sys
 import tempfile
 from pathlib import Path
 
+from pictures import stamp_of
 from PIL import Image
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 OUT = Path(__file__).parent / "img" / "gallery"
-WIDTH = 480
+WIDTH = 800
 PICTURES = {
     "first_steps.ipynb": "first_steps/track.png",
     "compare_plants.py": "compare_plants/compare.png",
@@ -49,7 +50,8 @@ def main(names: list[str]) -> None:
             with Image.open(Path(folder) / "runs" / "examples" / PICTURES[name]) as picture:
                 size = WIDTH, round(WIDTH * picture.height / picture.width)
                 small = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
-        small.save(OUT / f"{Path(name).stem}.webp", quality=80)
+        stamp = stamp_of(f"make_gallery.py {name}")
+        small.save(OUT / f"{Path(name).stem}.webp", quality=80, exif=stamp)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
+from pictures import stamp_of
 from PIL import Image
 
 from ssmr.geometry import rotate_body_to_world
@@ -69,7 +70,13 @@ def main() -> None:
     frames = [draw(run, int(k), (7.2, 3.6)) for k in (*at, len(t) - 1)]
     durations = [int(1000 / FRAMES_S)] * len(at) + [3000]
     frames[0].save(
-        OUT, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=60
+        OUT,
+        save_all=True,
+        append_images=frames[1:],
+        duration=durations,
+        loop=0,
+        quality=60,
+        exif=stamp_of("make_moving_picture.py"),
     )
 
 

@@ -22,6 +22,7 @@ from validation.experiment.runs import drive_piece
 from validation.experiment.sources import Piece, Source, open_source
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.table import plant_kind
+from validation.report.palette import spell_name
 
 OUT = Path(__file__).parent / "img" / "warthog.png"
 PROFILE = "warthog-grass"
@@ -265,7 +266,7 @@ def draw_errors(axes: Axes, scores: dict[tuple[str, str], WindowErrors]) -> None
                 s.position_median_m,
                 "o",
                 color=plant_kind(plant).colour,
-                label=None if k else plant,
+                label=None if k else spell_name(plant),
             )
     axes.set_xticks([2, len(_PLANTS) + 3], ["fitted to, 95 windows", "held out, 38 windows"])
     axes.set(
@@ -288,9 +289,9 @@ def draw_rates(axes: Axes, path: str, profile: Profile) -> None:
                     "k",
                     ls=dashes,
                     lw=1.6,
-                    label=f"measured, {('left', 'right')[side]}",
+                    label=None if side else "measured",
                 )
-            label = plant if side == 0 else None
+            label = spell_name(plant) if side == 0 else None
             axes.plot(
                 t,
                 motion.wheels[:, side],
@@ -300,9 +301,12 @@ def draw_rates(axes: Axes, path: str, profile: Profile) -> None:
                 label=label,
             )
     axes.set(
-        xlabel="time [s]", ylabel="wheel rate [rad/s]", title="From commands, held out", xlim=span
+        xlabel="time [s]",
+        ylabel="wheel rate [rad/s]",
+        title="From commands, held out (dashed: right side)",
+        xlim=span,
     )
-    axes.legend(ncols=4)
+    axes.legend(ncols=3)
     axes.grid(alpha=0.3)
 
 

@@ -28,6 +28,7 @@ from validation.experiment.runs import drive_piece
 from validation.experiment.sources import Source, open_source
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
+from validation.report.palette import spell_name
 
 OUT = Path(__file__).parent / "img" / "wet_grass.png"
 HORIZON = 6.0
@@ -354,8 +355,8 @@ def draw(measured: dict[str, Part], scores: Scores) -> None:
             capsize=3,
             mfc=COLOURS[ground] if own else "white",
         )
-        labels.append(f"{name}{', ' * bool(model)}{model}")
-    medians.set_yticks(range(len(labels)), labels, fontsize=8)
+        labels.append(spell_name(f"{name}{', ' * bool(model)}{model}"))
+    medians.set_yticks(range(len(labels)), labels, fontsize=9)
     medians.set(
         title="Heading error after 6 s, part kept for the test",
         xlabel="median and 90 % interval [rad]",

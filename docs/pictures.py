@@ -1,8 +1,12 @@
-"""Draw the pictures of README and of these pages anew, each with today's version in its footer.
+"""Draw the pictures of README and of these pages anew, each with a stamp of today's code.
+
+The stamp is in the file's EXIF data: Software has the version and the commit, ImageDescription the
+command. Most pictures also say the version in their footer.
 
 Run from the project's root: `python docs/pictures.py NAME … [--data FOLDER]`. `--list` says how
 each is made and how long it takes. `quick` names all that take less than two minutes and need no
-recording, `all` every one. FOLDER has the recordings (*.csv), also in folders of it.
+recording, `all` every one. Draw from a clean commit, so that its name tells the code. FOLDER has
+the recordings (*.csv), also in folders of it.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from matplotlib.font_manager import findfont
-from PIL import Image, ImageDraw, ImageFont
+from PIL import ExifTags, Image, ImageDraw, ImageFont
 
 from validation import output
 
@@ -45,6 +49,8 @@ class Picture:
     """The file that a program writes; a script writes the picture itself."""
     unsigned: bool = True
     """Whether it does not say the versions itself."""
+    ending: str = "png"
+    """The ending of its file in img; scripts stamp those that are no PNG."""
 
     def recordings(self) -> list[str]:
         """Return the names of the recordings that it needs."""
@@ -52,7 +58,7 @@ class Picture:
 
 
 PICTURES = {
-    "architecture": Picture("make_architecture_figure.py", 0.1),
+    "architecture": Picture("make_architecture_figure.py", 0.1, ending="svg"),
     "centre_of_mass": Picture("make_centre_of_mass_figure.py", 0.1),
     "contact": Picture("make_figures.py", 0.5),
     "drivetrain": Picture(
@@ -84,7 +90,31 @@ PICTURES = {
     "viewer": Picture("compare traj4", 0.5, "compare.rrd"),
     "warthog": Picture(f"make_warthog_figure.py {WARTHOG}", 2.0),
     "wet_grass": Picture(f"make_wet_grass_figure.py {TILE} {GRASS}", 3.0),
+    "husky": Picture("make_moving_picture.py", 0.8, ending="webp"),
+    "gallery/first_steps": Picture("make_gallery.py first_steps.ipynb", 0.5, ending="webp"),
+    **{
+        f"gallery/{name}": Picture(f"make_gallery.py {name}.py", 0.5, ending="webp")
+        for name in (
+            "compare_plants",
+            "fit_a_log",
+            "other_robots",
+            "own_controller",
+            "sensitivity",
+            "sweep",
+        )
+    },
 }
+
+
+def stamp_of(command: str) -> Image.Exif:
+    """Return EXIF data that say which code drew a picture, and by which command."""
+    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    said = subprocess.run(asked, cwd=DOCS, capture_output=True, text=True, check=True)
+    version = output.list_versions()["ssmr-testbed"]
+    exif = Image.Exif()
+    exif[ExifTags.Base.Software] = f"ssmr-testbed {version}, commit {said.stdout.strip()}"
+    exif[ExifTags.Base.ImageDescription] = command
+    return exif
 
 
 def sign(picture: Path) -> None:
@@ -140,8 +170,12 @@ def draw(name: str, data: Path | None) -> None:
             photograph(Path(folder) / made.written, IMAGES / "viewer.png")
         elif made.written:
             shutil.copyfile(Path(folder) / made.written, IMAGES / f"{name}.png")
-    if made.unsigned and name != "architecture":
-        sign(IMAGES / f"{name}.png")
+    if made.ending == "png":
+        file = IMAGES / f"{name}.png"
+        if made.unsigned:
+            sign(file)
+        with Image.open(file) as drawn:
+            drawn.save(file, exif=stamp_of(made.command), optimize=True)
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ for robot in ("husky", "jackal", "pioneer3at", "warthog"):
         f"{robot:10s} {1e3 * apart['sync_rms_m']:4.0f} mm apart (rms), "
         f"length of the path {apart['d_ratio']:.3f} of MuJoCo's"
     )
-    ax.plot(*result.motion("mujoco").xy.T, label=robot)
+    ax.plot(*result.motion("mujoco").xy.T, label=result.profile.robot.title)
 ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
 ax.legend()
 picture = Path("runs/examples/other_robots.png")

@@ -548,7 +548,7 @@ PRICES = {
 """The price of each room. A feature buys its room: what needs more takes it from something else in
 the same commit, or the table changes with a sentence on what users get for it. Lines are not
 counted, so that plain layout costs nothing."""
-OPTIONS = {"compare": 29, "fit": 38, "calibrate": 17, "track": 27, "tune": 29}
+OPTIONS = {"compare": 29, "fit": 38, "calibrate": 17, "track": 26, "tune": 29}
 """Options of each program's command line, its positional arguments among them.
 
 Each has `plain` for its picture, and those that read logs have four that say how. A fit has two for

@@ -10,6 +10,7 @@ import os
 import shlex
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,11 @@ import pytest
 from ssmr.metrics.declared import Metrics
 from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import Commands, State
+from ssmr.types import Commands, Plant, State, Trajectory
 from tests.conftest import exit_status
 from validation import cli
 from validation.compare import compare
-from validation.experiment.runs import drive_piece
+from validation.experiment.runs import drive_all, drive_piece
 from validation.experiment.scores import score_windows
 from validation.experiment.sources import open_source
 from validation.files.csv_logs import write_csv
@@ -187,3 +188,27 @@ def test_a_program_replaces_its_own_files_and_no_others(
         (tmp_path / "named" / name).write_text("of somebody else")
         assert exit_status(compare.command, *words, "--out", "named") == status
     assert exit_status(compare.command, *words, "--out", "named", "--overwrite") == 0
+
+
+class Waiting:
+    """A plant that waits for others, as one does on a busy machine."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+
+    def run(self, *its: Any, **named: Any) -> Trajectory:
+        """Return the motion, half a second later."""
+        time.sleep(0.5)
+        return self._plant.run(*its, **named)
+
+
+def test_real_time_counts_the_processor_and_not_the_wait() -> None:
+    source = open_source("traj4")
+    profile = load_profile("thesis-lab")
+    plant = make_plant(profile, "kinematic")
+    plant.run(source.pieces[0].commands, State(), source.sample_dt)  # compiled
+    plants: dict[str, Any] = {"waiting": Waiting(plant)}
+    run = drive_all(source, plants, {"waiting": Localiser()})["waiting"]
+    simulated = source.pieces[0].commands.duration
+    assert run.wall_s >= 0.5
+    assert run.real_time_factor > 3.0 * simulated / run.wall_s

@@ -33,7 +33,7 @@ def called(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 def results(folder: Path) -> dict[str, Any]:
     """Return what a comparison measured, without what depends on the clock."""
     document = json.loads((folder / "compare.json").read_text())
-    timed = ("wall_s", "real_time_factor")
+    timed = ("wall_s", "cpu_s", "real_time_factor")
     return {
         plant: {key: value for key, value in values.items() if key not in timed}
         for plant, values in document["plants"].items()

@@ -14,6 +14,8 @@ from ssmr.control.mission import ControllerInput
 from ssmr.control.references import line
 from ssmr.errors import ControllerError, SsmrError
 from ssmr.models.law import OWN_MODELS
+from validation.cli import parse_command
+from validation.cli.__main__ import program_named
 from validation.compare import compare
 from validation.experiment.user_law import add_user_model, load_user_law, load_user_metric
 from validation.fit import fit
@@ -60,6 +62,31 @@ def test_a_users_class_drives_like_the_law_that_it_is(
     assert 0.0 < tracked.metrics["d_rms_m"] < 0.1
     assert tracked.as_dict()["controller"] == name
     assert tracked.as_dict()["gains"] == {}
+
+
+@pytest.mark.parametrize("words", [("track",), ("ros", "control")])
+@pytest.mark.parametrize("at", [0, 1, 3])
+@pytest.mark.parametrize("joined", [False, True])
+def test_the_option_controller_names_the_first_argument(
+    words: tuple[str, ...], at: int, joined: bool
+) -> None:
+    """Scripts may give a class of their own by `--controller`, anywhere behind the program."""
+    program, *before = words
+    rest = ["circle", "--speed", "0.4"]
+    option = ["--controller=mine.py:Mine"] if joined else ["--controller", "mine.py:Mine"]
+    read = [
+        parse_command(program_named(program), program, [*before, *arguments])
+        for arguments in (["mine.py:Mine", *rest], [*rest[:at], *option, *rest[at:]])
+    ]
+    first, second = (str(call).partition("controller=")[2] for call in read)
+    assert first == second
+    assert first.startswith("'mine.py:Mine', reference='circle'")
+
+
+def test_another_programs_option_controller_stays() -> None:
+    words = ["check", "husky", "--controller", "diff_drive.yaml"]
+    read = parse_command(program_named("robots"), "robots", words)
+    assert "diff_drive.yaml" in repr(read)
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,6 @@ from validation.experiment.loops import (
     AnyController,
     ClosedLoopRobot,
     chosen_controller,
-    controller_and_reference,
     demand_of,
     make_robot,
     open_path,
@@ -72,7 +71,7 @@ class TrackOptions(cli.Filmed):
     operating speed. Behind its name, +predictor lets a law act on the state one dead time ahead, as
     in lqr+predictor; mpc plans ahead within the limits. FILE.py:NAME is a class of your own, which
     is run."""
-    reference: tyro.conf.Positional[Waypoints | str | Path | None] = None
+    reference: tyro.conf.Positional[Waypoints | str | Path]
     """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn,
     stop-and-go, long-line, each also with its speed, as eight@0.5; or a file of waypoints (.csv: x,
     y[, t]). Waypoints at one place are a wait."""
@@ -89,9 +88,6 @@ class TrackOptions(cli.Filmed):
     speed: float | None = None
     """Greatest speed [m/s]. A file then is a path without times: its corners are rounded and
     driven as fast as the robot can. Named references have 0.25 m/s if it is not given."""
-    own_controller: Annotated[str | None, tyro.conf.arg(name="controller")] = None
-    """A controller of your own instead of CONTROLLER: a class in a Python file, FILE.py:NAME, which
-    is run."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
     feedback: Feedback = "noisy"
@@ -151,20 +147,15 @@ class TrackOptions(cli.Filmed):
         """Encoders and gyro of the state filter."""
         return SensorModel(gyro_bias=self.gyro_bias)
 
-    def names(self) -> tuple[str | type, Waypoints | str | Path]:
-        """Return controller and reference, see `controller_and_reference`."""
-        return controller_and_reference(self.controller, self.reference, self.own_controller)
-
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
-        controller, reference = self.names()
-        if isinstance(controller, type):
-            name = controller.__name__
+        if isinstance(self.controller, type):
+            name = self.controller.__name__
         else:
-            name = controller.rpartition(":")[2]
+            name = self.controller.rpartition(":")[2]
         label = "waypoints"
-        if not isinstance(reference, Waypoints):
-            label = Path(str(reference)).stem.partition("@")[0]
+        if not isinstance(self.reference, Waypoints):
+            label = Path(str(self.reference)).stem.partition("@")[0]
         return Path("runs") / "track" / file_name(f"{name}-{label}")
 
 
@@ -184,9 +175,8 @@ def track(o: TrackOptions) -> Tracked:
     if not 1 <= len(set(plants)) == len(plants) <= MOST_BESIDE:
         named = ", ".join(plants) or "none"
         raise ValueError(f"plant must name 1 to {MOST_BESIDE} different plants, got {named}")
-    controller, reference = o.names()
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
-    law, gains = chosen_controller(controller, profile, o.gains)
+    law, gains = chosen_controller(o.controller, profile, o.gains)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
     terrain = cli.read_value(o.terrain)
     if terrain != FLAT and "mujoco" not in plants:
@@ -196,7 +186,7 @@ def track(o: TrackOptions) -> Tracked:
         )
     robots = [make_robot(profile, name, terrain, o.late) for name in plants]
     sentences: list[str | None] = []
-    path = reference if isinstance(reference, Waypoints) else str(reference)
+    path = o.reference if isinstance(o.reference, Waypoints) else str(o.reference)
     label, waypoints, sentences[:] = open_path(path, o.speed, robots)
     if not sentences:
         sentences = [demand_of(waypoints, robot, profile.name, label) for robot in robots]
@@ -278,9 +268,9 @@ def _drive_reference(
     if isinstance(law, Controller):
         moment = Waypoints(np.array([0.0, 0.2]), np.array([[0.0, 0.0], [0.1, 0.0]]))
         run_robots([robot], [law], [replace(around, rest=0.0)], moment, [o.seed], o.workers)
-    began = time.perf_counter()
+    began = time.process_time()
     (run,) = run_robots([robot], [law], [around], waypoints, [o.seed], o.workers, start=start)
-    wall = time.perf_counter() - began
+    spent = time.process_time() - began
     # without a tick there is nothing to report
     if not len(run.t):
         run.require_complete(f"{law.name} on {label} with the plant {robot.name}")
@@ -288,7 +278,7 @@ def _drive_reference(
         robot.name,
         run,
         waypoints,
-        wall_s=wall,
+        cpu_s=spent,
         options={
             "feedback": around.feedback,
             "disturbance": around.disturbance,

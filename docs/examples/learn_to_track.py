@@ -247,7 +247,11 @@ def draw(
     ):
         heights = [1e3 * of[name]["sync_rms_m"] for of in measured.values()]
         right.bar(
-            np.arange(len(measured)) + (k - 1.5) * width, heights, width, color=colour, label=name
+            np.arange(len(measured)) + (k - 1.5) * width,
+            heights,
+            width,
+            color=colour,
+            label=name if name == "learnt" else name.upper(),
         )
     right.set_xticks(range(len(measured)), list(measured))
     right.set(

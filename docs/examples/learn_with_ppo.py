@@ -135,7 +135,7 @@ def main(folder: Path) -> None:
     figure, axes = plt.subplots(figsize=(5.0, 3.0), layout="constrained")
     axes.plot(*zip(*curve, strict=True), color="#0072b2", label="PPO, linear policy")
     for (name, reward), colour in zip(rules.items(), ("#d55e00", "#009e73"), strict=True):
-        axes.axhline(reward, color=colour, linestyle="--", label=f"{name}, published")
+        axes.axhline(reward, color=colour, linestyle="--", label=f"{name.upper()}, published")
     axes.set(xlabel="processor time [s]", ylabel="mean reward", ylim=(0.0, 1.0))
     axes.legend()
     figure.savefig(folder / "ppo.png", dpi=90)

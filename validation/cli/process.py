@@ -119,11 +119,24 @@ def parse_command(
         SystemExit: it asked for help, or tyro has said what is wrong with it.
     """
     given = sys.argv[1:] if arguments is None else arguments
+    given = _place_controller(given, isinstance(command, Mapping))
     wanted = read_as(command, given)
     call: Callable[[], Any] = tyro.cli(
         wanted, prog=program, args=given, config=_STYLE, registry=REGISTRY
     )
     return call
+
+
+def _place_controller(given: Sequence[str], at: int) -> Sequence[str]:
+    """Return a command line with the class of `--controller FILE.py:NAME` as its word `at`.
+
+    That is the place of CONTROLLER; other values of such an option stay.
+    """
+    found = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    found.add_argument("--controller", nargs="?")
+    known, rest = found.parse_known_args(given)
+    own = known.controller or ""
+    return [*rest[:at], own, *rest[at:]] if ".py:" in own else given
 
 
 def read_as(command: Any, given: Sequence[str] = ()) -> Any:

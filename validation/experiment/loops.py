@@ -27,7 +27,6 @@ from validation.engines.plant import EnginePlant
 from validation.experiment.gains import GainSet, load_gains
 from validation.experiment.user_law import is_user_law, load_user_law
 from validation.experiment.waypoint_files import REFERENCES, open_reference, split_speed
-from validation.output import shorten_text
 from validation.plants.profile import Profile, make_plant
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
@@ -116,26 +115,6 @@ def make_controller(profile: Profile, gains: GainSet) -> AnyController:
     linear = profile.plants["linear"]
     a, b = state_space_matrices(linear.vehicle, linear.parameters, linear.drive)
     return design_controller(gains.controller, gains.values, a, b, linear.drive)
-
-
-def controller_and_reference(controller: Any, reference: Any, own: str | None) -> tuple[Any, Any]:
-    """Return controller and reference of a program's options.
-
-    They are both given, or a controller of the user's `own` stands beside them; then the only
-    other one is the reference.
-
-    Raises:
-        ValueError: one of the two is missing, or there are two controllers.
-    """
-    first = shorten_text(controller, 40)
-    if own is None and reference is None:
-        raise ValueError(f"'{first}' stands alone; wanted a controller and a reference")
-    if own is None:
-        return controller, reference
-    if reference is not None:
-        second = shorten_text(own, 60)
-        raise ValueError(f"there are two controllers, '{first}' and --controller {second}")
-    return own, controller
 
 
 def chosen_controller(

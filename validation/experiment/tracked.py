@@ -147,8 +147,8 @@ class Followed:
     """Metrics by name, see `TRACK_METRICS`; of a tuning the `cost`, too."""
     options: Document
     """Feedback, disturbance, look-ahead, periods and limits."""
-    wall_s: float = 0.0
-    """Time that simulating took [s]."""
+    cpu_s: float = 0.0
+    """Time of a processor that simulating took [s]."""
 
     @classmethod
     def of(
@@ -157,25 +157,25 @@ class Followed:
         run: ClosedRun,
         waypoints: Waypoints,
         options: Document,
-        wall_s: float = 0.0,
+        cpu_s: float = 0.0,
     ) -> Followed:
         """Return a robot whose run ends with its reference, see `track_metrics`."""
         metrics = track_metrics(run, waypoints, options)
         run = run.until(waypoints.duration)
-        return cls(plant, run, reference_of(run, waypoints), metrics, options, wall_s)
+        return cls(plant, run, reference_of(run, waypoints), metrics, options, cpu_s)
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated over wall time; infinite where no time was taken."""
+        """Simulated time over a processor's [1]."""
         simulated = float(self.run.t[-1]) if len(self.run.t) else 0.0
-        return simulated / self.wall_s if self.wall_s > 0.0 else math.inf
+        return simulated / max(self.cpu_s, 1e-9)
 
     def as_dict(self) -> Document:
         """Return the metrics, whether the robot was lost, and how long simulating took."""
         return {
             **self.metrics,
             "lost": self.run.lost,
-            "wall_s": self.wall_s,
+            "cpu_s": self.cpu_s,
             "real_time_factor": self.real_time_factor,
         }
 

@@ -50,7 +50,7 @@ from validation.report.drawing import (
     PanelRow,
     plain_ticks,
 )
-from validation.report.palette import VERDICT_INKS
+from validation.report.palette import VERDICT_INKS, spell_name
 from validation.report.table import Row
 from validation.track import track
 from validation.tune import tune
@@ -298,7 +298,7 @@ def _draw_panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
                 continue
             k = len(labels)
             pair = row.pairs["d_rms_m"]
-            labels.append(f"{row.table}  {theirs['controller']} {row.name.replace('_', ' ')}")
+            labels.append(spell_name(f"{row.table}  {theirs['controller']} {row.name}"))
             if pair.ours is not None:
                 half_bar = 1e3 * (pair.spread or 0.0)
                 ink = VERDICT_INKS[row.whole.status]

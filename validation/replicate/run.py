@@ -66,8 +66,6 @@ class Replicate(cli.Common):
     only: Sequence[str] = ()
     """Sections or tables to run, such as 3.9,4.5 or noise; all if not given. A wrong name lists
     all sections."""
-    seed: int = 1
-    """Seed of everything random. Equal seeds give equal results."""
 
 
 _Counts = Counter[tuple[Evidence, Status]]

@@ -78,7 +78,7 @@ REAL_TIME = Metric(
     "real time",
     "×",
     "high",
-    "simulated time over the time that simulating took, without compiling; "
+    "simulated time over the time of one processor that it took, without compiling; "
     "above 1 the simulation is faster than the clock",
 )
 DECLARED: dict[str, Metric] = {**METRICS, **SIGNALS, REAL_TIME.name: REAL_TIME}

@@ -88,7 +88,7 @@ class Comparison(Motions):
         about = {name: headline_error(scores, all_rms) for name, scores in self.scores.items()}
         about[self.reference] = "reference"
         n = len(self.runs)
-        title = shorten_text(Path(self.source.name).name, 48)
+        title = shorten_text(Path(self.source.name).stem, 48)
         return draw_page(
             f"{title}: {n} simulation{'s' * (n > 1)} driven by the same {kind}",
             [*rows, *self._panels()],

@@ -19,7 +19,7 @@ from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
 from validation.output import abridge_text, shorten_text
 from validation.report.columns import DEGREES, METRES
-from validation.report.palette import BLACK, mix_colours, plant_colour
+from validation.report.palette import BLACK, mix_colours, plant_colour, spell_name
 from validation.simulator.terrain import FLAT, Terrain
 
 if TYPE_CHECKING:
@@ -289,7 +289,7 @@ def draw_page(
             len(heights), 1, height_ratios=heights, squeeze=False
         ).flat
         edge = _EDGE_IN / _WIDTH_IN
-        heading = abridge_text(title, _LONGEST_TITLE)
+        heading = abridge_text(spell_name(title), _LONGEST_TITLE)
         y = 1.0 - _EDGE_IN / heights[0]
         head.text(edge, y, heading, va="top", color=ink, gid=WORDS, **_TITLE)
         if legend:

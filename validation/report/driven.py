@@ -28,6 +28,7 @@ from validation.report.drawing import (
     ink_of,
     key_line,
 )
+from validation.report.palette import spell_name
 from validation.report.report import Report
 from validation.report.scene_robots import Track
 from validation.simulator.description import with_robot
@@ -236,7 +237,7 @@ class DrivenRobots(Report, ABC):
         for track in self.drawn:
             has_marker = marked and track is not self.drawn[0]
             marker = MARKERS.get(track.name, "o") if has_marker else ""
-            label = f"{track.name}\n{about[track.name]}"
+            label = f"{spell_name(track.name)}\n{about[track.name]}"
             legend.append(key_line(label, marker=marker, **self.look_of(track)))
         if self.commanded():
             legend.append(key_line("command\nas given", **COMMAND_LOOK))

@@ -1,5 +1,7 @@
 """One colour for each plant and controller, the same in every picture, plot and recording.
 
+Pictures also spell names as people write them: MuJoCo for `mujoco`.
+
 Each is declared with its plant or law. The hues shipped are those of Okabe and Ito, which people
 with any of the common colour blindnesses tell apart; they differ in lightness too, so most survive
 a grey print.
@@ -7,6 +9,7 @@ a grey print.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 from validation.plants.table import is_plant, plant_kind
@@ -29,6 +32,24 @@ def plant_colour(name: str) -> Rgb:
         return _REFERENCES.get(name, GREY)
     red, green, blue = bytes.fromhex(plant_kind(name).colour.removeprefix("#"))
     return red, green, blue
+
+
+_SPELT = {
+    "mujoco": "MuJoCo",
+    "coulomb": "Coulomb",
+    "four_wheel": "four tyres",
+    "drake": "Drake",
+    "ode": "ODE",
+    "pid": "PID",
+    "lqr": "LQR",
+    "mpc": "MPC",
+}
+"""Plants and controllers whose names in words are not those of commands and files."""
+
+
+def spell_name(name: str) -> str:
+    """Return a name as a person would write it: MuJoCo, LQR tuned, husky unnamed."""
+    return re.sub(r"\b\w+\b", lambda word: _SPELT.get(word[0], word[0]), name).replace("_", " ")
 
 
 def mix_colours(a: Rgb, b: Rgb, share: float) -> Rgb:

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import tyro
 
@@ -19,7 +19,6 @@ from ssmr.errors import SsmrError
 from validation import cli
 from validation.experiment.loops import (
     chosen_controller,
-    controller_and_reference,
     make_robot,
     open_path,
 )
@@ -54,8 +53,8 @@ class Control(Graph):
     controller: tyro.conf.Positional[str]
     """Controller: pid and lqr are the thesis'; lqr-scheduled is linearised about the operating
     speed. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans
-    ahead."""
-    reference: tyro.conf.Positional[str | None] = None
+    ahead. FILE.py:NAME is a class of your own, which is run."""
+    reference: tyro.conf.Positional[str]
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv: x, y[, t])."""
     speed: float | None = None
     """Greatest speed [m/s]. A file then is a path without times: its corners are rounded and
@@ -65,9 +64,6 @@ class Control(Graph):
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
     another --robot the numbers of its file."""
-    own_controller: Annotated[str | None, tyro.conf.arg(name="controller")] = None
-    """A controller of your own instead of CONTROLLER: a class in a Python file, FILE.py:NAME, which
-    is run."""
     gains: str | None = None
     """Gains: published, manual (lqr), tuned, or the path of a TOML file; those of validation.track
     if not given."""
@@ -313,14 +309,12 @@ def control(options: Control) -> Tracked:
             there.
         StoppedError, KeyboardInterrupt: the drive ended before the robot had gone anywhere.
     """
-    names = (options.controller, options.reference, options.own_controller)
-    controller, reference_name = controller_and_reference(*names)
     profile = choose_profile(options.profile, options.robot, "thesis-lab")
     robot = profile.robot.name
     o = _with_topics(options, robot)
-    law, gains = chosen_controller(controller, profile, o.gains)
+    law, gains = chosen_controller(o.controller, profile, o.gains)
     robots = [make_robot(profile, "mujoco")]
-    reference, waypoints, remarks = open_path(reference_name, o.speed, robots)
+    reference, waypoints, remarks = open_path(o.reference, o.speed, robots)
     for remark in [*remarks, *profile.unfitted(["mujoco"])]:
         _logger.info("%s", remark)
     law = law.on(robots[0].drive)

@@ -246,10 +246,8 @@ class Comparison(Motions):
 
 
 def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:
-    from scipy.ndimage import uniform_filter1d
-
     period = float(np.median(np.diff(piece.t))) if len(piece) > 1 else _MEAN_TIME
     loads = piece.channels[channel][:, wheel]
     size = max(1, round(_MEAN_TIME / period))
-    means: FloatArray = uniform_filter1d(loads, size, mode="nearest")
-    return means
+    padded = np.pad(loads, (size // 2, (size - 1) // 2), mode="edge")
+    return np.convolve(padded, np.full(size, 1.0 / size), mode="valid")

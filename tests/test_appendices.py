@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -41,11 +42,11 @@ def test_every_pattern_of_an_appendix_is_a_file(name: str) -> None:
 
 
 @pytest.fixture
-def run_in_rest(name: str, tmp_path: Path) -> Run:
-    """Return a function that runs Python in a copy without an appendix, and returns its output."""
+def run_in_rest(names: list[str], tmp_path: Path) -> Run:
+    """Return a function that runs Python in a copy without appendices, and returns its output."""
     root = tmp_path / "rest"
     shutil.copytree(ROOT, root, ignore=LEFT_OUT)
-    for pattern in APPENDICES[name]:
+    for pattern in chain.from_iterable(APPENDICES[name] for name in names):
         for path in root.glob(pattern):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
@@ -70,19 +71,24 @@ def run_tests(run: Run, *arguments: str) -> None:
     run("-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments)
 
 
-@pytest.mark.parametrize("name", THERE)
-def test_the_house_stands_without_an_appendix(name: str, run_in_rest: Run) -> None:
+@pytest.mark.parametrize(
+    "names",
+    # none imports another, so what stands without all of them hardly falls without one
+    [THERE, *(pytest.param([name], marks=pytest.mark.slow) for name in THERE)],
+    ids="-".join,
+)
+def test_the_house_stands_without_appendices(names: list[str], run_in_rest: Run) -> None:
     # how the rest is written was judged with the whole
     rooms = "room or module or import or cycle or program or whole or pure or door"
     run_tests(run_in_rest, "-n", "0", "tests/test_architecture.py", "-k", rooms)
-    assert name not in run_in_rest("-m", "validation", "--help").split()
+    assert not {*names} & {*run_in_rest("-m", "validation", "--help").split()}
 
 
 @pytest.mark.slow  # all other tests run in the copy, and the type checker reads everything anew
-@pytest.mark.parametrize("name", THERE)
-def test_the_rest_works_without_an_appendix(name: str, run_in_rest: Run) -> None:
+@pytest.mark.parametrize("names", [[name] for name in THERE], ids="-".join)
+def test_the_rest_works_without_an_appendix(names: list[str], run_in_rest: Run) -> None:
     packages = [
-        p for p in ("ssmr", "validation", "benchmarks") if (ROOT / p).is_dir() and p != name
+        p for p in ("ssmr", "validation", "benchmarks") if (ROOT / p).is_dir() and p not in names
     ]
     run_in_rest("-m", "mypy", *(f"--package={package}" for package in packages))
     printed = run_in_rest("-m", "validation", "compare", "traj4", "--no-rerun", "--out", "here")

@@ -47,7 +47,7 @@ def test_simplices_find_the_least_of_a_cost_without_derivatives(start: list[floa
     assert np.max(rated) <= 1.0
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_every_seed_ends_where_two_amplitudes_came_from(lab: Profile, seed: int) -> None:
     """By the path alone, from the default bounds; nobody said where to begin."""
     friction = 0.045
@@ -97,12 +97,17 @@ def test_sizes_of_a_population_choose_differential_evolution(lab: Profile) -> No
         assert result.course.by_stage == {"jde": result.course.evaluations, "lsq": 0, "simplex": 0}
 
 
+@pytest.fixture(scope="module")
+def whole(lab: Profile) -> Fitted:
+    """A search that nobody interrupts."""
+    return fit("coulomb", TWO, lab, **QUICK)
+
+
 @pytest.mark.parametrize("call", [3, 60])
 def test_an_interrupted_search_goes_on_to_the_same_end(
-    lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: int
+    whole: Fitted, lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: int
 ) -> None:
     """It is interrupted among least squares, whose ends are rated by the cost, or in a simplex."""
-    whole = fit("coulomb", TWO, lab, **QUICK)
     real = FitProblem.costs
     calls = []
 

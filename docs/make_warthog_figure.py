@@ -268,7 +268,9 @@ def draw_errors(axes: Axes, scores: dict[tuple[str, str], WindowErrors]) -> None
                 color=plant_kind(plant).colour,
                 label=None if k else spell_name(plant),
             )
-    axes.set_xticks([2, len(_PLANTS) + 3], ["fitted to, 95 windows", "held out, 38 windows"])
+    counts = [scores[name, "mujoco"].summary().n for name in ("fitted", "held out")]
+    labels = [f"fitted to, {counts[0]} windows", f"held out, {counts[1]} windows"]
+    axes.set_xticks([2, len(_PLANTS) + 3], labels)
     axes.set(
         ylabel="position error after 6 s [m]", ylim=(0.0, None), title="From measured wheel rates"
     )

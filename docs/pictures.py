@@ -29,6 +29,7 @@ from PIL import ExifTags, Image, ImageDraw, ImageFont
 from validation import output
 
 DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
 IMAGES = DOCS / "img"
 TILE, GRASS, RAISED, WARTHOG = (
     f"{name}_train.csv"
@@ -106,13 +107,20 @@ PICTURES = {
 }
 
 
+def ask_git(*words: str) -> str:
+    """Return what git says of this project."""
+    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
 def stamp_of(command: str) -> Image.Exif:
     """Return EXIF data that say which code drew a picture, and by which command."""
-    asked = ["git", "describe", "--always", "--dirty", "--exclude=*"]
-    said = subprocess.run(asked, cwd=DOCS, capture_output=True, text=True, check=True)
+    commit = ask_git("rev-parse", "--short", "HEAD")
+    if ask_git("status", "--porcelain", "--", ":!docs/img"):
+        commit += ", changed"
     version = output.list_versions()["ssmr-testbed"]
     exif = Image.Exif()
-    exif[ExifTags.Base.Software] = f"ssmr-testbed {version}, commit {said.stdout.strip()}"
+    exif[ExifTags.Base.Software] = f"ssmr-testbed {version}, commit {commit}"
     exif[ExifTags.Base.ImageDescription] = command
     return exif
 

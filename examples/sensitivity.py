@@ -88,9 +88,10 @@ print(text_tables([Table("A tenth of one number on trajectory 4", swept.rows)], 
 
 moved = {row["variant"]: 1e3 * row["sync_rms_m"] for row in swept.rows}
 figure, ax = plt.subplots(figsize=(7.0, 6.0), layout="constrained")
-ax.barh(list(moved), list(moved.values()))
+names = [name.replace("mujoco", "MuJoCo").replace("_", " ") for name in moved]
+ax.barh(names, list(moved.values()))
 ax.invert_yaxis()
-ax.set(xlabel="moved at equal times, rms [mm]")
+ax.set(xlabel="distance from the robot as it is at equal times, rms [mm]")
 picture = Path("runs/examples/sensitivity.png")
 picture.parent.mkdir(parents=True, exist_ok=True)
 figure.savefig(picture)

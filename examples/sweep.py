@@ -29,7 +29,7 @@ for row in rows:
 
 figure, ax = plt.subplots(figsize=(6.0, 4.0), layout="constrained")
 ax.plot([row["friction"] for row in rows], [1e3 * row["sync_rms_m"] for row in rows], "o-")
-ax.set(xlabel="friction", ylabel="apart at equal times, rms [mm]", ylim=(0.0, None))
+ax.set(xlabel="friction", ylabel="distance at equal times, rms [mm]", ylim=(0.0, None))
 picture = Path("runs/examples/sweep.png")
 picture.parent.mkdir(parents=True, exist_ok=True)
 figure.savefig(picture)

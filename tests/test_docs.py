@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = [
     *sorted(DOCS.glob("*.md")),
-    *(p for p in [ROOT / "README.md", ROOT / "SECURITY.md"] if p.is_file()),
+    *sorted(ROOT.glob("*.md")),
 ]
 DOCUMENTED = (
     Vehicle,

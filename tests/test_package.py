@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -16,7 +17,8 @@ from packaging.requirements import Requirement
 from tests.appendices import is_there
 
 ROOT = Path(__file__).resolve().parents[1]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = SETTINGS["project"]
 LACKING = {"3.13": {"dm-control"}, "3.14": {"dm-control", "cyclonedds"}}
 """Later Pythons do without these packages, which have no wheels for them."""
 BARE = """
@@ -170,3 +172,37 @@ def test_every_dependency_has_wheels_for_later_pythons(version: str, tmp_path: P
             [*resolve, texts[package]], capture_output=True, timeout=300, check=False
         )
         assert again.returncode != 0, package
+
+
+def test_the_sources_that_travel_are_whole() -> None:
+    """What tests, pages and builds need; hidden files are those of this place of work."""
+    included = SETTINGS["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
+    asked = ["git", "-C", str(ROOT), "ls-files"]
+    tracked = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.split()
+    if not tracked:
+        pytest.skip("not a clone")
+    tops = {name.partition("/")[0] for name in tracked if not name.startswith(".")}
+    assert tops - {"pyproject.toml"} == set(included)
+
+
+def test_a_release_is_the_same_everywhere() -> None:
+    """The version stands in pyproject.toml; a release has a date, and only it is stable."""
+    version = PROJECT["version"]
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    newest, said = re.findall(r"^## ([\d.]+) \(([\w-]+)\)$", changelog, re.MULTILINE)[0]
+    is_release = re.fullmatch(r"\d+\.\d+\.\d+", version) is not None
+    assert version.partition(".dev")[0] == newest
+    assert (said != "unreleased") == is_release
+    stable = "Development Status :: 5 - Production/Stable"
+    assert (stable in PROJECT["classifiers"]) == is_release
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    if is_release:
+        assert f"\nversion: {version}\ndate-released: {said}\n" in citation
+    (author,) = re.findall(r'^  - name: "(.+)"$', citation, re.MULTILINE)
+    assert PROJECT["authors"] == [{"name": author}]
+
+
+def test_the_changelog_can_be_read() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    prose = re.sub(r"^\|.*$", "", text, flags=re.MULTILINE)
+    assert len(prose.split()) <= 2500

@@ -263,7 +263,7 @@ class Calibrated(Report):
         worse = ", ".join(_fit_label(f) for f in self.fits if not f.better)
         words = [f"profile.toml has new numbers of {better}: better on unseen data."] * bool(better)
         words += [f"It keeps the old numbers of {worse}: the fit is no better."] * bool(worse)
-        words.append(f"Judged were {self.judged_on}; the numbers that are written come from all.")
+        words.append(f"That is a verdict on {self.judged_on}; what is written was fitted to all.")
         return " ".join(words)
 
     def notes(self) -> list[str]:

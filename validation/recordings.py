@@ -372,7 +372,7 @@ def _name_uses(found: Inspected) -> str:
     words = {name: f"{name} {'yes' if good[name] else 'no'}" for name in _USES}
     if good["commands"]:
         words["commands"] += _delay_of_commands(found)
-    return f"good enough for: {', '.join(words.values())}"
+    return f"good enough to fit or to check by: {', '.join(words.values())}"
 
 
 def _delay_of_commands(found: Inspected) -> str:

@@ -95,10 +95,10 @@ class BalanceRow(NamedTuple):
         """Return what a table shows of it."""
         return {
             "row": self.row,
-            "there": f"{self.found:.4g}",
+            "measured": f"{self.found:.4g}",
             "by mechanics": f"{self.expected:.4g} {self.unit}".rstrip(),
-            "off": f"{100.0 * self.share:.1f} %",
-            "who eats it": self.cause,
+            "difference": f"{100.0 * self.share:.1f} %",
+            "cause": self.cause,
         }
 
     @property

@@ -41,7 +41,7 @@ from validation.files.inspection import (
     open_log,
     too_short,
 )
-from validation.files.log import PLAIN, Group, ReadOptions
+from validation.files.log import PLAIN, Group, Log, ReadOptions
 from validation.files.motion import ENCODERS, ODOMETRY
 from validation.files.reading import exists
 from validation.files.signals import (
@@ -226,6 +226,21 @@ def _open_scenario(name: str, kind: CommandKind) -> Source:
     return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
 
 
+_WITHOUT_POSE = (
+    "the pose by which predictions are judged; "
+    "`recordings info` says what its gyro and wheels tell without"
+)
+_WITHOUT_WHEELS = (
+    "the wheel rates; `--input commands` drives by commands or by the odometry's speeds"
+)
+
+
+def _require_columns(log: Log, names: Sequence[str], what: str) -> None:
+    lack = [name for name in names if not log.has([name])]
+    if lack:
+        raise ValueError(f"log {log.name} has no column {', '.join(lack)}, {what}")
+
+
 def source_of(
     inspected: Inspected,
     name: str,
@@ -245,13 +260,9 @@ def source_of(
     log = inspected.common.cut(*span)
     names = COMMAND_COLUMNS[kind]
     sentences = inspected.faults.sentences()
-    if not log.has(POSE_COLUMNS):
-        lack = [column for column in POSE_COLUMNS if not log.has([column])]
-        what = f"log {log.name} has no column {', '.join(lack)}"
-        raise ValueError(
-            f"{what}, the pose by which predictions are judged; "
-            "`recordings info` says what its gyro and wheels tell without"
-        )
+    _require_columns(log, POSE_COLUMNS, _WITHOUT_POSE)
+    if kind == "wheels":
+        _require_columns(log, names, _WITHOUT_WHEELS)
     times = f", {log.t[0]:.0f} to {log.t[-1]:.0f} s" if span != (None, None) else ""
     title = log.name + times
     if kind == "twist" and not log.has(names) and log.has(ODOMETRY):

@@ -103,10 +103,10 @@ def _parts_of_motion(source: Source) -> list[Span]:
 def describe_judges(logs: int, held: Sequence[str]) -> str:
     """Return in words what judges fits to a number of logs, beside which others may be held out."""
     if held:
-        return f"fits to all logs, by {one_line(', '.join(held))}, which is not among them"
+        return f"fits to all logs, judged by {one_line(', '.join(held))}, which is not among them"
     if logs > 1:
-        return "fits to all logs but one, each by that one"
-    return "fits to two thirds of the time in motion, each by the other third"
+        return "fits to all logs but one, each judged by that one"
+    return "fits to two thirds of the time in motion, each judged by the other third"
 
 
 def is_better(now: FloatArray, was: FloatArray, horizon: float) -> bool:

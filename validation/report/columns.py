@@ -95,7 +95,7 @@ def length_unit(values: Iterable[float]) -> Unit:
     largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
     if largest >= 1.0:
         return METRES
-    return Unit("mm", 1e3, 3 if 1e-6 <= largest < 0.01 else 1)
+    return Unit("mm", 1e3, 3 if 1e-6 <= largest < 0.001 else 1)
 
 
 def ending_of(key: str) -> str:

@@ -235,6 +235,8 @@ class Tracked(DrivenRobots):
             words.append(f"feedback {self.options['feedback']}")
         lost = [r for r in self.robots if r.run.lost]
         notes = [f"{r.plant} was {lost_text(r.run)}" for r in lost]
+        if gains:
+            notes.append(f"gains {shorten_text(self.gains_name, 40)}: {gains}")
         names = [r.plant for r in self.robots]
         heading = f"{self.title} · {f'{len(names)} simulations' if names[1:] else names[0]}"
         if lost:
@@ -258,7 +260,7 @@ class Tracked(DrivenRobots):
             shorten_text(heading, 100),
             [*rows, PanelRow(2.0, errors)],
             legend=self.legend(about),
-            notes=[*notes, f"gains {shorten_text(self.gains_name, 40)}: {gains}"],
+            notes=notes,
             foot=how_driven(self.profile_label, self.terrain, words, self.versions),
             ink=ALARM if lost else "0.0",
         )

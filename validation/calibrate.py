@@ -63,9 +63,9 @@ class Calibrate(cli.Common, ReadOptions):
     """Options of `calibrate`."""
 
     logs: tyro.conf.Positional[AnyLog | Sequence[AnyLog]]
-    """Logs of the robot with poses, and with wheel rates, commands or both. Several are one body,
-    each with a localiser of its own; LOG@GROUND shares friction and rolling resistance among the
-    logs of a ground."""
+    """Logs of the robot with poses, and with wheel rates, commands or both. Several logs
+    are fitted with one body, and each with a localiser (pose source) of its own. Logs written as
+    LOG@GROUND share the friction and rolling resistance of that ground."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
     profile: cli.AnyProfile = None

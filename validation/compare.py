@@ -88,8 +88,8 @@ class Compare(cli.Filmed, ReadOptions):
     """Draw where each plant says that the robot will be nine times in ten, and count how often it
     is there."""
     adapt: float | None = None
-    """Calibrate planar models on while they drive along a recording, every so many seconds, with
-    the profile as prior; a prediction uses the past alone [s]."""
+    """Time after which planar models are calibrated again while they drive along a recording, with
+    the profile as prior [s]; each prediction uses only what came before it."""
     noise: bool = False
     """See the plants through the lab's state filter: at 50 Hz, with its noise."""
     disturbance: bool = False

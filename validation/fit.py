@@ -113,8 +113,9 @@ class Fit(Searching, ReadOptions):
     --model adds."""
     to: AnySource | Sequence[AnySource]
     """Sources of the data, separated by commas: traj4@mujoco for how that plant drives traj4, or
-    paths of recordings. Several are one body, each with a localiser of its own; LOG@GROUND shares
-    friction and rolling resistance among the logs of a ground."""
+    paths of recordings. Several are fitted with one body, and each recording with a localiser
+    (pose source) of its own. Recordings written as LOG@GROUND share the friction and rolling
+    resistance of that ground."""
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab for
     scenarios, a shipped log's own, else husky-tile, and for another --robot the numbers of its
@@ -138,9 +139,9 @@ class Fit(Searching, ReadOptions):
     own_model: Annotated[PlanarLaw | str | None, tyro.conf.arg(name="model")] = None
     """A plant of your own: a PlanarLaw in a Python file, FILE.py:NAME, which is run."""
     guess: Literal["profile"] | Mapping[str, float] | str | None = None
-    """A candidate of the first population: the profile's numbers, or some that replace them, such
-    as friction=0.4. If not given, for recordings the profile's, of mujoco and four_wheel without
-    --free those that a kinematic fit finds; for scenarios all are drawn at random."""
+    """Numbers that the search begins with: the profile's, or some that replace them, such as
+    friction=0.4. If not given, a fit to recordings begins with the profile's, or for mujoco and
+    four_wheel without --free with those of a kinematic fit; a fit to scenarios begins at random."""
     objective: Objective | None = None
     """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative
     poses, seconds later). If not given, horizon for recordings; else sync for bodies on wheels,
@@ -158,8 +159,8 @@ class Fit(Searching, ReadOptions):
     """Weight of position errors in the sync and horizon objectives; 0 fits the heading alone, where
     positions are not to be trusted."""
     torque_constant: float | None = None
-    """Torque of a side's wheels per ampere of its motor [N m/A], for logs with the motors'
-    currents; the battery's need none. The profile's, or the robot file's, if not given."""
+    """Torque of a side's wheels per ampere of its motor [N m/A], for logs with currents of the
+    motors; currents of the battery need none. The profile's, or the robot file's, if not given."""
     search: Method | None = None
     """jde: differential evolution, as in the thesis; --population and --generations choose it.
     hybrid: a short one, then bounded least squares from its best candidate and others far from it.

@@ -532,11 +532,11 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        28_700,
+        28_950,
         19,
         59,
-        "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "
-        "what a log contains and can tell, and its conversion, whole writing; workers",
+        "results side by side, drawn too, comparison, fit, calibration with its verdict, tuning, "
+        "robots, what a log contains and can tell, and its conversion, whole writing; workers",
     ),
     "benchmarks": Price(
         3_670,

@@ -152,6 +152,13 @@ def test_rows_are_those_of_runs_and_plants(run: Path, tmp_path: Path) -> None:
     assert first == "run,plant,sync_rms_m,d_rms_symmetric_m"
     assert float(second.split(",")[2]) == pytest.approx(measured[PLANTS[0]]["sync_rms_m"])
     assert "| sync rms [mm] |" in (tmp_path / "table" / "table.md").read_text()
+    panels = chosen.figure().axes
+    assert panels[0].get_title(loc="left") == "sync rms [mm]"
+    for ax, name in zip(panels, ("sync_rms_m", "d_rms_symmetric_m"), strict=True):
+        drawn = [bar.get_width() for bar in ax.patches]
+        assert drawn == pytest.approx([1e3 * (row[name] or 0.0) for row in chosen.rows], abs=0.06)
+    assert (tmp_path / "table" / "table.png").stat().st_size > 1000
+    assert not table(files, columns=("source",)).figure().axes
     with pytest.raises(ValueError, match="no result has a 'nope'; there are: run, "):
         table(files, columns=("nope",))
     with pytest.raises(ValueError, match="'value' may be parameters"):

@@ -113,9 +113,8 @@ class Fit(Searching, ReadOptions):
     --model adds."""
     to: AnySource | Sequence[AnySource]
     """Sources of the data, separated by commas: traj4@mujoco for how that plant drives traj4, or
-    paths of recordings. Several are fitted with one body, and each recording with a localiser
-    (pose source) of its own. Recordings written as LOG@GROUND share the friction and rolling
-    resistance of that ground."""
+    paths of recordings. Several are fitted with one body, and each recording with a localiser of
+    its own. Those written as LOG@GROUND share that ground's friction and rolling resistance."""
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab for
     scenarios, a shipped log's own, else husky-tile, and for another --robot the numbers of its

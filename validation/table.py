@@ -10,15 +10,23 @@ if __name__ == "__main__":
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 
 from validation import cli
 from validation.output import Document, write_text
 from validation.report.columns import NOTHING
+from validation.report.drawing import Panel, PanelRow, draw_page, ink_of
+from validation.report.palette import spell_name
 from validation.report.report import Report, Writers
 from validation.report.table import Row, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _SHOWN = (
     *("source", "robot", "profile", "controller", "reference", "model"),
@@ -28,6 +36,10 @@ _SHOWN = (
     *("before.6.position_median_m", "after.6.position_median_m", "after.6.yaw_median_rad"),
 )
 """Columns that are shown where none are named, those of them that the results have."""
+_HEADS = ("run", "plant")
+"""Columns that name a row."""
+_ACROSS = 3
+"""Panels side by side in the picture."""
 _NO_RESULT = ("tables", "options", "config", "versions", "schema", "notes", "files")
 """Keys that every file has and that no column comes from."""
 
@@ -50,7 +62,7 @@ class Side(cli.Common):
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
-        return "table.json", "table.md", "table.csv"
+        return "table.json", "table.md", "table.csv", "table.png"
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
@@ -62,7 +74,7 @@ class SideBySide(Report):
     """Results of several runs in one table."""
 
     program = "table"
-    endings = ("md",)
+    endings = ("md", "png")
     rows: Sequence[Row]
     """A row for each run, or for each plant of a run: its name, and its values by column."""
 
@@ -72,6 +84,29 @@ class SideBySide(Report):
         if not any(None in row.values() for row in self.rows):
             caption = ""
         return [Table(self.title, self.rows, caption)]
+
+    def figure(self) -> Figure:
+        """Return a panel for each column of numbers, with a bar for each row, 1600 px wide."""
+        heads = [[row.get(name) for name in _HEADS] for row in self.rows]
+        names = [spell_name(", ".join(filter(None, head))) for head in heads]
+        inks = [ink_of(plant or "") for _, plant in heads]
+
+        def draw(title: str, texts: Sequence[str], labels: Sequence[str], ax: Axes) -> None:
+            places = range(len(texts))
+            ax.barh(places, list(map(_bar_length, texts)), color=inks)
+            ax.set(title=title, ylim=(len(texts) - 0.4, -0.6))
+            ax.set_yticks(places, labels)
+
+        panels = list[Panel]()
+        for column in self.tables()[0].columns():
+            if not column.holds_words:
+                # the first panel of a row has the names
+                labels = [""] * len(names) if len(panels) % _ACROSS else names
+                title = f"{column.heading} [{column.unit}]"
+                panels.append(partial(draw, title, column.texts, labels))
+        height = 1.0 + 0.25 * len(names)
+        cuts = range(0, len(panels), _ACROSS)
+        return draw_page(self.title, [PanelRow(height, panels[k : k + _ACROSS]) for k in cuts])
 
     def document(self) -> Document:
         """Return the schema."""
@@ -88,7 +123,7 @@ def table(o: Side) -> SideBySide:
     """Lay results of several runs side by side.
 
     Prints one table, with a row for each run, or for each plant of a run, and writes table.json,
-    table.md and table.csv.
+    table.md, table.csv and table.png, a bar for each number.
 
     Raises:
         ValueError: a file is no result, or no result has a column that is named.
@@ -107,7 +142,7 @@ def table(o: Side) -> SideBySide:
         ]
     there = list(dict.fromkeys(key for row in rows for key in row))
     columns = o.columns or tuple(name for name in _SHOWN if name in there)
-    heads = [name for name in ("run", "plant") if name in there and name not in columns]
+    heads = [name for name in _HEADS if name in there and name not in columns]
     chosen = [Document() for _ in rows]
     for name in (*heads, *columns):
         named = {name} if name in there else {key for key in there if key.endswith(f".{name}")}
@@ -119,6 +154,14 @@ def table(o: Side) -> SideBySide:
                 raise ValueError(f"'{name}' may be {', '.join(keys)}; write one of them")
             shown[name] = row[keys[0]] if keys else None
     return SideBySide(title="Results side by side", rows=chosen)
+
+
+def _bar_length(text: str) -> float:
+    """Return the number that a cell has; 0 where it has none."""
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
 
 
 def _result_parts(document: Document) -> list[Document]:

@@ -245,7 +245,7 @@ def node_of(lab: Profile, **options: Any) -> tuple[ControlNode, FakeNode, PathFo
     follower = follower_of(lab, line(0.2, 1.2))
     topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
     return (
-        ControlNode(node, follower, Control("pid", **topics, **options), node.clock),
+        ControlNode(node, follower, Control("pid", "circle", **topics, **options), node.clock),
         node,
         follower,
     )
@@ -365,7 +365,7 @@ def with_robot(
     node = RobotNode(COMMAND, **robot)
     follower = PathFollower(law(lab, name), BEND)
     topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
-    options = Control("pid", **topics, feedback=feedback)
+    options = Control("pid", "circle", **topics, feedback=feedback)
     return ControlNode(node, follower, options, node.clock), node, follower
 
 
@@ -435,7 +435,9 @@ def test_a_robot_that_did_not_move_is_asked_by_creeping_only_with_auto(
     _, node, _ = with_robot(lab)
     follower = PathFollower(law(lab), BEND, auto_restart=True)
     topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
-    loop = ControlNode(node, follower, Control("pid", **topics, restart="auto"), node.clock)
+    loop = ControlNode(
+        node, follower, Control("pid", "circle", **topics, restart="auto"), node.clock
+    )
     node.blocked = lambda t: t > 2.0 and not (moves and t > 6.0)
     with contextlib.nullcontext() if moves else pytest.raises(StoppedError, match="held for 10 s"):
         loop.run()

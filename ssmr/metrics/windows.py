@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from ssmr.geometry import relative_pose, wrap_angle
@@ -33,6 +34,8 @@ _FEWEST_BLOCKS = 4
 errors."""
 _DRAWS = 1000
 """Number of resampled series."""
+_AT_ONCE = 1 << 20
+"""Numbers of these that are held at once: those of a log of hours would fill the memory."""
 _TAILS = 50.0 * (1.0 - SHARE), 50.0 * (1.0 + SHARE)
 """Percentiles at which an interval ends."""
 
@@ -225,9 +228,10 @@ class WindowErrors:
             if blocks >= _FEWEST_BLOCKS:
                 starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(blocks)))
                 # In a circle, so that every window has the same weight.
-                series = (starts[:, :, None] + np.arange(block)) % n
-                series = series.reshape(_DRAWS, -1)[:, :n]
-                drawn = np.median(values[series], axis=1)
+                circle = sliding_window_view(np.append(values, values[: block - 1]), block)
+                parts = np.array_split(starts, math.ceil(starts.size * block / _AT_ONCE))
+                series = (circle[some].reshape(len(some), -1)[:, :n] for some in parts)
+                drawn = np.concatenate([np.median(some, axis=1) for some in series])
                 quantiles = stdtrit(blocks - 1.0, tail) / ndtri(tail)
                 wider = quantiles * math.sqrt(blocks / (blocks - 1.0))
                 spread = median + wider * (drawn - median)

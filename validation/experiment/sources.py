@@ -290,11 +290,12 @@ def source_of(
     }
     fresh = fresh_poses(log.t, pose)
     on_time, jumps = _sound_poses(inspected, log.t)
+    ends = fresh & on_time
     group = inspected.log.group_of(names)
     assert group is not None
     pieces = []
-    for s in log.stretches():
-        t = log.t[s]
+    stretches = log.stretches()
+    for s, t in zip(stretches, map(log.t.__getitem__, stretches), strict=True):
         stamps, samples = _samples_within(group, names, t)
         commands = commands_on_grid(stamps, samples, kind, RECORDING_GRID, t, rates)
         turning = None if gyro is None else gyro[s]
@@ -307,12 +308,12 @@ def source_of(
             start=_initial_state(t, pose[s], fresh[s], wheels[s][0]),
             t=t,
             reference=replace(motion, channels=channels),
-            fresh=(fresh & on_time)[s],
+            fresh=ends[s],
             jumps=tuple(inside.tolist()),
             moves=moves[s],
         )
         pieces.append(piece)
-    sentences += too_short(max(float(np.ptp(log.t[s])) for s in log.stretches()))
+    sentences += too_short(max(float(np.ptp(piece.t)) for piece in pieces))
     warnings = tuple(one_line(f"{log.name}: {sentence}") for sentence in sentences)
     return Source(
         name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title=title, inspected=inspected

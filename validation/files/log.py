@@ -113,8 +113,8 @@ class Group(_Value):
             return None
         return np.column_stack([self.columns[n] for n in names])
 
-    def where(self, keep: BoolArray) -> Group:
-        """Return the samples for which the (M,) `keep` is true."""
+    def where(self, keep: BoolArray | slice) -> Group:
+        """Return the samples for which the (M,) `keep` is true, or a view of some in a row."""
         columns = {name: values[keep] for name, values in self.columns.items()}
         return replace(self, t=self.t[keep], columns=columns)
 
@@ -443,9 +443,10 @@ class Log(_Value):
         high = math.inf if stop is None else stop
         groups = {}
         for name, group in self.groups.items():
-            keep = (group.t >= low) & (group.t <= high)
-            if np.count_nonzero(keep) > 1:
-                groups[name] = group.where(keep)
+            first = np.searchsorted(group.t, low)
+            end = np.searchsorted(group.t, high, side="right")
+            if end - first > 1:
+                groups[name] = group.where(slice(first, end))
         if not groups:
             raise FileError(
                 self.path,

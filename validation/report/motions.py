@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations, pairwise, product, zip_longest
@@ -258,21 +258,21 @@ class Motions(DrivenRobots):
         return tracks
 
     def commanded(self) -> Sequence[tuple[FloatArray, FloatArray]]:
-        """Return the commands over time, if they are speeds and yaw rates."""
+        """Return the commands over the time that is shown, if they are speeds and yaw rates."""
         by_wheels = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
-        return [] if by_wheels else self._given()
+        low, high = self.shown_span
+        shown = ((t, each, (t >= low) & (t <= high)) for t, each in self._given())
+        return [] if by_wheels else [(t[k], each[k]) for t, each, k in shown if np.any(k)]
 
-    def _given(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece.
+    def _given(self) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Yield (N + 1,) instants [s] and (N + 1, 2) commands of every piece.
 
         The last command stands once more at the end of its piece.
         """
-        given = []
         for piece, motion in zip(self.source.pieces, self.truth, strict=True):
             c = piece.commands
             t = motion.t[0] + c.dt * np.arange(c.n + 1)
-            given.append((t, np.vstack([c.values, c.values[-1:]])))
-        return given
+            yield t, np.vstack([c.values, c.values[-1:]])
 
     def scene(self) -> Scene:
         """Return the robots in motion, and the commands that drove them."""

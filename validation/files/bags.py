@@ -23,7 +23,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.geometry import integrate_rates, rotate_body_to_world, rotate_world_to_body
+from ssmr.geometry import (
+    integrate_rates,
+    quat_wxyz_to_yaw,
+    rotate_body_to_world,
+    rotate_world_to_body,
+)
 from ssmr.types import FloatArray
 from validation.files import guarded
 from validation.files.clocks import Timed, on_one_clock
@@ -52,6 +57,7 @@ _MEMORY_PER_BYTE = 8
 _DISK_PER_BYTE = 32
 """Size of an unpacked file that each byte of a bag adds [bytes]."""
 _JOINTS = "sensor_msgs/msg/JointState"
+_QUATERNION = ("qw", "qx", "qy", "qz")
 _SPAN_S = 1.0
 """Length of the spans over which speeds are compared with ways [s]."""
 _TURNED = 0.5
@@ -130,6 +136,10 @@ def _topic(key: tuple[str, str, Sequence[str]], numbers: bytes, timed: Timed, ep
     table = np.frombuffer(numbers).reshape(-1, len(columns))[timed.kept][order]
     t = np.asarray((timed.ns[order] - epoch) * 1e-9, dtype=np.float64)
     values = dict(zip(columns, np.ascontiguousarray(table.T), strict=True))
+    quaternion = [values.pop(name) for name in _QUATERNION if name in values]
+    if quaternion:
+        # one of zeros, a field that nobody filled, has no yaw
+        values["yaw"] = quat_wxyz_to_yaw(np.column_stack(quaternion))
     return Topic(name, kind, t, values, timed.remark, fault=timed.fault)
 
 

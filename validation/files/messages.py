@@ -8,13 +8,13 @@ from __future__ import annotations
 import itertools
 from array import array
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ssmr.geometry import quat_wxyz_to_yaw
-from validation.files.columns import BESIDE_MOTION, Column
+from validation.files.columns import BESIDE_MOTION
 from validation.files.guarded import Answer
 
 _MOST_COUNT = 2**53
@@ -24,97 +24,75 @@ _LATEST_NS = 2**62
 TRANSFORM = "/tf:"
 """Beginning of the names of transforms, which are read as a topic for each pair of frames, such as
 `/tf:map.base_link`."""
-_Rows = list[tuple[str, int, dict[str, float]]]
+_Row = tuple[str, int, dict[str, float]]
 """Name of a topic of its own, if it has one; the header's stamp [ns], 0 for none; and the numbers
-by column. A message that says nothing has no row."""
+by column."""
 
 
 # ------------------------------------------------------------------------------------------
 # messages
-def _header_ns(message: Any) -> int:
-    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-
-
-def _twist(twist: Any) -> dict[str, float]:
-    return {"v": twist.linear.x, "w": twist.angular.z}
-
-
-def _pose(position: Any, orientation: Any) -> dict[str, float]:
-    quat = [getattr(orientation, axis) for axis in "wxyz"]
-    # one of zeros, a field that nobody filled, has none
-    return {"x": position.x, "y": position.y, "yaw": float(quat_wxyz_to_yaw(quat))}
-
-
-def _stamped(m: Any, pose: Any, numbers: Mapping[str, float] = MappingProxyType({})) -> _Rows:
-    return [("", _header_ns(m), {**_pose(pose.position, pose.orientation), **numbers})]
-
-
-def _odometry(m: Any) -> _Rows:
-    twist = m.twist.twist
-    return _stamped(m, m.pose.pose, _twist(twist) | {"v_y": twist.linear.y})
-
-
-def _imu(m: Any) -> _Rows:
-    rates = {f"gyro_{axis}": getattr(m.angular_velocity, axis) for axis in "xyz"}
-    accelerations = {f"acc_{axis}": getattr(m.linear_acceleration, axis) for axis in "xyz"}
-    return [("", _header_ns(m), rates | accelerations)]
-
-
-def _joints(m: Any) -> _Rows:
-    numbers = dict[str, float]()
-    for part in ("velocity", "position", "effort"):
-        values = getattr(m, part)
-        if len(values) == len(m.name):
-            numbers |= {f"{n}.{part}": float(v) for n, v in zip(m.name, values, strict=True)}
-    # in one order, whatever that of the message
-    return [("", _header_ns(m), dict(sorted(numbers.items())))] if numbers else []
-
-
-def _transforms(m: Any) -> _Rows:
-    rows = []
-    for each in m.transforms:
-        frames = [name.strip("/") for name in (each.header.frame_id, each.child_frame_id)]
-        place = each.transform
-        pose = _pose(place.translation, place.rotation)
-        rows.append((TRANSFORM + ".".join(frames), _header_ns(each), pose))
-    return rows
-
-
-def _fix(m: Any) -> _Rows:
-    if m.status.status < 0:  # worse than STATUS_FIX
-        return []
-    return [("", _header_ns(m), {"latitude": m.latitude, "longitude": m.longitude})]
-
-
-def _fields_reader(channels: Mapping[str, Column]) -> Callable[[Any], _Rows]:
-    """Return the function that reads some columns, each a field of a message."""
-
-    def read_fields(m: Any) -> _Rows:
-        numbers = {name: float(getattr(m, column.field)) for name, column in channels.items()}
-        return [("", _header_ns(m) if hasattr(m, "header") else 0, numbers)]
-
-    return read_fields
-
-
-READERS: Mapping[str, Callable[[Any], _Rows]] = MappingProxyType(
+_JOINTS = ("velocity", "position", "effort")
+_POSE = "x={0}.x y={0}.y qw={1}.w qx={1}.x qy={1}.y qz={1}.z "
+_TWIST = "v={0}linear.x w={0}angular.z "
+_TRANSFORMS = _POSE.format("transform.translation", "transform.rotation")
+FIELDS: Mapping[str, str] = MappingProxyType(
     {
-        "geometry_msgs/msg/Twist": lambda m: [("", 0, _twist(m))],
-        "geometry_msgs/msg/TwistStamped": lambda m: [("", _header_ns(m), _twist(m.twist))],
-        "geometry_msgs/msg/PoseStamped": lambda m: _stamped(m, m.pose),
-        "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: _stamped(m, m.pose.pose),
-        "nav_msgs/msg/Odometry": _odometry,
-        "sensor_msgs/msg/Imu": _imu,
-        "sensor_msgs/msg/JointState": _joints,
-        "sensor_msgs/msg/NavSatFix": _fix,
-        "tf2_msgs/msg/TFMessage": _transforms,
-        "tf/msg/tfMessage": _transforms,
+        "geometry_msgs/msg/Twist": _TWIST.format(""),
+        "geometry_msgs/msg/TwistStamped": _TWIST.format("twist."),
+        "geometry_msgs/msg/PoseStamped": _POSE.format("pose.position", "pose.orientation"),
+        "geometry_msgs/msg/PoseWithCovarianceStamped": _POSE.format(
+            "pose.pose.position", "pose.pose.orientation"
+        ),
+        "nav_msgs/msg/Odometry": _POSE.format("pose.pose.position", "pose.pose.orientation")
+        + _TWIST.format("twist.twist.")
+        + "v_y=twist.twist.linear.y",
+        "sensor_msgs/msg/Imu": " ".join(
+            f"{ours}_{axis}={theirs}.{axis}"
+            for ours, theirs in (("gyro", "angular_velocity"), ("acc", "linear_acceleration"))
+            for axis in "xyz"
+        ),
+        "sensor_msgs/msg/JointState": "",
+        "sensor_msgs/msg/NavSatFix": "latitude=latitude longitude=longitude",
+        "tf2_msgs/msg/TFMessage": _TRANSFORMS,
+        "tf/msg/tfMessage": _TRANSFORMS,
         **{
-            next(iter(channels.values())).message: _fields_reader(channels)
+            next(iter(channels.values())).message: " ".join(
+                f"{name}={column.field}" for name, column in channels.items()
+            )
             for channels in BESIDE_MOTION.values()
         },
     }
 )
-"""Functions that read a message, by its type; for a further type, add a line."""
+"""Columns, each with its field, of the messages that are read, by their type; of transforms, those
+of each. Joints are by name instead. For a further type, add a line."""
+
+
+def _rows_of(message: Any, reads: Mapping[str, Callable[[Any], float]]) -> Iterator[_Row]:
+    """Yield the rows of a message; one that says nothing has none."""
+    for part in getattr(message, "transforms", (message,)):
+        name = ""
+        if part is not message:
+            frames = (part.header.frame_id, part.child_frame_id)
+            name = TRANSFORM + ".".join(frame.strip("/") for frame in frames)
+        stamp = part.header.stamp if hasattr(part, "header") else None
+        ns = 0 if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec
+        numbers = {column: float(read(part)) for column, read in reads.items()}
+        if hasattr(part, "effort"):
+            # in one order, whatever that of the message
+            numbers = dict(sorted(_joint_numbers(part)))
+        if "latitude" in numbers and part.status.status < 0:  # worse than STATUS_FIX
+            continue
+        if numbers:
+            yield name, ns, numbers
+
+
+def _joint_numbers(message: Any) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of each joint, with a name such as `wheel.velocity`."""
+    for part in _JOINTS:
+        values = getattr(message, part)
+        if len(values) == len(message.name):
+            for name, value in zip(message.name, values, strict=True):
+                yield f"{name}.{part}", float(value)
 
 
 # ------------------------------------------------------------------------------------------ bags
@@ -140,18 +118,22 @@ def collect(path: str, most: int) -> Answer:
     from rosbags.typesys import Stores, get_typestore
 
     kinds: dict[tuple[str, str, tuple[str, ...]], tuple[array[int], array[int], array[float]]] = {}
+    reads = {}
+    for kind, text in FIELDS.items():
+        pairs = (field.split("=") for field in text.split())
+        reads[kind] = {column: attrgetter(path) for column, path in pairs}
     read = set[str]()
     count = 0
     # the type store serves bags that do not contain their message types: ROS 2 before Iron
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        connections = [c for c in reader.connections if c.msgtype in READERS]
+        connections = [c for c in reader.connections if c.msgtype in FIELDS]
         messages = reader.messages(connections) if connections else ()
         for connection, ns, raw in itertools.islice(messages, most):
             count += 1
             if not 0 <= ns < _LATEST_NS:
                 raise ValueError(f"a message was written at {ns} ns")
             kind = connection.msgtype
-            for name, header_ns, numbers in READERS[kind](reader.deserialize(raw, kind)):
+            for name, header_ns, numbers in _rows_of(reader.deserialize(raw, kind), reads[kind]):
                 read.add(connection.topic)
                 key = (name or connection.topic, kind, tuple(numbers))
                 if key not in kinds:

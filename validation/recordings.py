@@ -103,6 +103,11 @@ class Info(LogOptions):
     out: cli.AnyPath = None
     """Folder for the findings, info.json, and for a picture of the log part by part, info.png."""
 
+    def targets(self) -> list[Path]:
+        """Return the files that are asked for."""
+        out = [] if self.out is None else [Path(self.out, f"info.{end}") for end in ("json", "png")]
+        return out if self.json is None else [Path(self.json), *out]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Convert(LogOptions):
@@ -120,6 +125,10 @@ class Convert(LogOptions):
     """Leave out what was logged before this time."""
     until: float | None = None
     """Leave out what was logged after this time."""
+
+    def targets(self) -> list[Path]:
+        """Return the file that is asked for, if one is."""
+        return [] if self.out is None else [Path(self.out)]
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a rate that is not positive."""
@@ -188,7 +197,10 @@ class LogReport(Report):
         self._write(path)
 
     def _write(self, path: Path) -> None:
-        write_json(path, self.as_dict())
+        if path.suffix == ".png":
+            self.save_picture(path)
+        else:
+            write_json(path, self.as_dict())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -537,27 +549,21 @@ def _make_command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
     """
 
     def main(o: Any) -> None:
-        named = o.out if isinstance(o, Convert) else o.json
-        if isinstance(o, Info) and o.out is not None and named is None:
-            named = Path(o.out) / "info.json"
-        target = None if named is None else Path(named)
         source = log_name(o.source)
-        if target is not None:
+        named = o.targets()
+        for target in named:
             check_apart(target, source)
             cli.require_writable(target.parent)
-        elif isinstance(o, Convert):
-            target = Path("runs") / "recordings" / f"{file_name(Path(source).stem)}.csv"
         if isinstance(o, Info) and o.out is not None:
             make_folder(Path(o.out))
-        info: LogReport = program.run(o)
-        if target is not None:
-            if named is not None and not o.overwrite:
-                _require_free(target, info)
-            info.write(target)
-        written = [] if target is None else [target]
-        if isinstance(o, Info) and o.out is not None:
-            written.append(_save_strip(Path(o.out) / "info.png", info))
-        cli.report_result(info, written)
+        report: LogReport = program.run(o)
+        for target in named if not o.overwrite else ():
+            _require_free(target, report)
+        default = [Path("runs", "recordings", f"{file_name(Path(source).stem)}.csv")]
+        written = named or default * isinstance(o, Convert)
+        for target in written:
+            report.write(target)
+        cli.report_result(report, written)
 
     main.__doc__ = inspect.getdoc(program.function)
     main.__name__ = program.__name__
@@ -565,19 +571,13 @@ def _make_command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
     return main
 
 
-def _save_strip(path: Path, info: LogReport) -> Path:
-    """Write the picture of a log's parts; a FileError says that another one's is in its place."""
-    beside = path.with_suffix(".json")
-    ours = exists(beside) and _OURS in read_file(beside, _MOST_OURS)
-    if exists(path) and not ours and not info.asked.overwrite:
-        raise FileError(path, "there is such a file already; name another folder, or --overwrite")
-    info.save_picture(path)
-    return path
-
-
 def _require_free(path: Path, report: LogReport) -> None:
-    """Refuse to replace a file that says something else, and was not written by `info`."""
-    if not exists(path):
+    """Refuse to replace a file that says something else, and was not written by `info`.
+
+    A picture was, if the findings beside it were.
+    """
+    findings = path.with_suffix(".json") if path.suffix == ".png" else path
+    if not exists(path) or exists(findings) and _OURS in read_file(findings, _MOST_OURS):
         return
     with tempfile.TemporaryDirectory() as folder:
         beside = Path(folder) / path.name
@@ -585,10 +585,9 @@ def _require_free(path: Path, report: LogReport) -> None:
         # as where the same command was interrupted behind its file
         if filecmp.cmp(path, beside, shallow=False):
             return
-    if _OURS not in read_file(path, _MOST_OURS):
-        raise FileError(
-            path, "there is such a file already; name another, or replace it by --overwrite"
-        )
+    raise FileError(
+        path, "there is such a file already; name another, or replace it by --overwrite"
+    )
 
 
 PROGRAM = {"info": _make_command(info), "convert": _make_command(convert)}

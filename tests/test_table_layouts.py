@@ -216,6 +216,11 @@ ENDS = {
     "bars": lambda text: text.replace(",", "|"),
     "units below": lambda text: text.replace("\r\n", "\r\ns,m,m,rad\r\n", 1),
     "units below in brackets": lambda text: text.replace("\r\n", "\r\n[s],[m],[m],[rad]\r\n", 1),
+    "units above": lambda text: "s,m,m,rad\r\n" + text,
+    "topics above": lambda text: "time,pose,pose,pose\r\n" + text,
+    "words below": lambda text: text.replace("\r\n", "\r\nstamp,place,place,heading\r\n", 1),
+    "a remark below": lambda text: text.replace("\r\n", "\r\n% a drive\r\n", 1),
+    "a remark at the end": lambda text: text + "# the end\r\n",
     "old line ends": lambda text: text.replace("\r\n", "\r"),
 }
 
@@ -224,6 +229,13 @@ ENDS = {
 def test_a_table_is_read_however_it_is_wrapped(tmp_path: Path, name: str) -> None:
     poses = {name: MOTION[name] for name in ("t", "x", "y", "yaw")}
     assert_motion(read(tmp_path / "a.csv", ENDS[name](written(poses))), list(poses))
+
+
+@pytest.mark.parametrize("word", ["-", "--", "#N/A", "NaT", "<NA>", "nil", "?", "None", "NULL"])
+def test_a_word_for_nothing_is_a_gap_in_its_column(tmp_path: Path, word: str) -> None:
+    text = "t,x,y,yaw\n" + "".join(f"{t},{t},0,0\n" for t in range(9))
+    log = read(tmp_path / "a.csv", text.replace("3,3,0,0", f"3,{word},0,0"))
+    assert log.columns["x"].tolist() == log.t.tolist() == list(range(9))
 
 
 def test_signs_of_units_in_an_old_encoding(tmp_path: Path) -> None:

@@ -487,11 +487,10 @@ def _draw_parts(
 
 
 def _sampling_row(t: FloatArray) -> Mapping[str, Any]:
-    if len(t) < 2 or t[-1] <= t[0]:
-        return {"samples": len(t), "rate_Hz": math.nan, "from_s": math.nan, "to_s": math.nan}
-    period = float(np.median(np.diff(t)))
+    period = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     rate = 1.0 / period if period > 0.0 else math.nan
-    return {"samples": len(t), "rate_Hz": rate, "from_s": float(t[0]), "to_s": float(t[-1])}
+    start, stop = (float(t[0]), float(t[-1])) if len(t) and t[-1] > t[0] else (math.nan, math.nan)
+    return {"samples": len(t), "rate_Hz": rate, "from_s": start, "to_s": stop}
 
 
 def _offset_table(offsets: Sequence[Offset]) -> Table:
@@ -577,7 +576,7 @@ def _require_free(path: Path, report: LogReport) -> None:
     A picture was, if the findings beside it were.
     """
     findings = path.with_suffix(".json") if path.suffix == ".png" else path
-    if not exists(path) or exists(findings) and _OURS in read_file(findings, _MOST_OURS):
+    if not exists(path) or (exists(findings) and _OURS in read_file(findings, _MOST_OURS)):
         return
     with tempfile.TemporaryDirectory() as folder:
         beside = Path(folder) / path.name

@@ -313,7 +313,7 @@ def source_of(
             moves=moves[s],
         )
         pieces.append(piece)
-    sentences += too_short(max(float(np.ptp(piece.t)) for piece in pieces))
+    sentences += too_short(max(float(np.ptp(log.t[s])) for s in stretches))
     warnings = tuple(one_line(f"{log.name}: {sentence}") for sentence in sentences)
     return Source(
         name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title=title, inspected=inspected

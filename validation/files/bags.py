@@ -153,20 +153,17 @@ def _role_group(path: Path, role: str, topic: Topic, is_pose: bool, limits: LogL
     first = np.concatenate([[True], np.diff(topic.t) > 0.0])
     t = topic.t[first]
     columns = {name: values[first] for name, values in (topic.columns or {}).items()}
-    try:
-        if len(t) < 2:
-            raise FileError(path, f"topic {topic.name} has fewer than two samples")
-        with np.errstate(all="ignore"):  # numbers that are not finite then are refused below
-            converted = _converted(role, columns)
-        if role == "pose" or (role == "odom" and not is_pose and ROLES["pose"].fits(topic)):
-            prefix = "" if role == "pose" else "odom_"
-            for name in ("x", "y"):
-                converted[prefix + name] = columns[name]
-            converted[f"{prefix}yaw"] = np.unwrap(columns["yaw"])
-        group = Group(topic.name, t, converted)
-        check_group(path, group, limits)
-    except FileError as fault:
-        raise FileError(path, f"{fault.what}; topics {role}=none leaves it out") from fault
+    if len(t) < 2:
+        raise FileError(path, f"topic {topic.name} has fewer than two samples")
+    with np.errstate(all="ignore"):  # numbers that are not finite then are refused below
+        converted = _converted(role, columns)
+    if role == "pose" or (role == "odom" and not is_pose and ROLES["pose"].fits(topic)):
+        prefix = "" if role == "pose" else "odom_"
+        for name in ("x", "y"):
+            converted[prefix + name] = columns[name]
+        converted[f"{prefix}yaw"] = np.unwrap(columns["yaw"])
+    group = Group(topic.name, t, converted)
+    check_group(path, group, limits)
     return group
 
 
@@ -278,7 +275,8 @@ def _groups_of(
             groups[role] = _role_group(path, role, topic, "pose" in roles, options.limits)
         except FileError as fault:
             if role not in BESIDE_MOTION or role in options.topics:
-                raise
+                what = f"{fault.what}; topics {role}=none leaves it out"
+                raise FileError(path, what) from fault
             left_out.append(f"{role} is left out: {fault.what}")
     return groups, left_out
 

@@ -141,7 +141,7 @@ def parse_unit(text: str) -> tuple[str, float] | None:
 
     That is a unit of `COLUMNS` as `rad/s`, or `ticks` or `ticks/s`; nothing for a number.
     """
-    plain = re.sub(r"^(m?)N[ ·*.]?m$", r"\1newtonmetre", text.strip()).lower()
+    plain = re.sub(r"^(m?)N[ ·*.]?m$", r"\1newtonmetre", text.strip(" []()")).lower()
     plain = re.sub(r"(?<![a-z])per(?![a-z])", "/", plain)
     plain = re.sub(r"[ .·*_]*(?<![a-z])(s|sec|min|h)(\^|\*\*)?(-1|⁻¹)$", r"/\1", plain)
     plain = re.sub(r"[ .·*_]*(?<![a-z])s(\^|\*\*)?(-2|⁻²)$", "/s/s", plain)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import logging
 import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -361,16 +361,11 @@ def write_csv(log: Log | Mapping[str, ArrayLike], path: str | Path) -> None:
         FileError: the log cannot be brought onto one clock, or the columns make none.
         OSError: the file cannot be written.
     """
+    import pandas
+
     path = Path(path)
     common = log.on_one_clock() if isinstance(log, Log) else Log.of_columns(path, log)
-    columns = common.columns
-    names = sorted(columns, key=lambda name: name not in RECORDED)
-    table = [common.t.tolist(), *(columns[name].tolist() for name in names)]
-
-    def write(beside: Path) -> None:
-        with beside.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["t", *names])
-            writer.writerows(zip(*table, strict=True))
-
-    write_atomic(path, write)
+    columns = {"t": common.t, **common.columns}
+    names = sorted(columns, key=lambda name: name != "t" and 1 + (name not in RECORDED))
+    table = pandas.DataFrame(columns)[names]
+    write_atomic(path, partial(table.to_csv, index=False, lineterminator="\n"))

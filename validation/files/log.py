@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -61,18 +61,14 @@ class _Value:
 
     def __post_init__(self) -> None:
         """Keep copies of what could be changed."""
-        for name, value in self._values().items():
+        for name, value in vars(self).items():
             object.__setattr__(self, name, _read_only(value))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Let other processes receive it, which a read-only mapping would not."""
-        values = self._values().values()
+        values = vars(self).values()
         plain = (dict(value) if isinstance(value, Mapping) else value for value in values)
         return type(self), tuple(plain)
-
-    def _values(self) -> dict[str, Any]:
-        parts = fields(self)  # type: ignore[arg-type]  # of the dataclasses that inherit this
-        return {part.name: getattr(self, part.name) for part in parts}
 
 
 def _read_only(value: Any) -> Any:
@@ -377,29 +373,26 @@ class Log(_Value):
             return self
         t = self._clock(rate)
         period = float(np.median(np.diff(t)))
-        keep = np.ones(len(t), dtype=bool)
-        moved: dict[str, dict[str, FloatArray]] = {}
-        for name, group in self.groups.items():
-            moved[name] = {}
-            if name not in _BESIDE:
-                # gaps at the common period as well
-                keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))
-            new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
-            for n, values in group.columns.items():
-                if name == "cmd":
-                    moved[name][n] = held(t, group.t, values)
-                else:
-                    moved[name][n] = np.interp(t, group.t[new], values[new])
-        t = t[keep]
+        is_shared = {name: np.array_equal(t, group.t) for name, group in self.groups.items()}
+        for name in self.groups.keys() - {*_BESIDE}:
+            group = self.groups[name]
+            # gaps at the common period as well
+            t = t[~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))]
         if len(t) < 2:
             raise FileError(
                 self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}"
             )
         period = float(np.median(np.diff(t)))
         groups = {}
-        for name, columns in moved.items():
-            kept = {n: values[keep] for n, values in columns.items()}
-            groups[name] = Group(self.groups[name].source, t, kept, period)
+        for name, group in self.groups.items():
+            new = slice(None) if is_shared[name] else _measured(name, group)
+            columns = {}
+            for n, values in group.columns.items():
+                if name == "cmd":
+                    columns[n] = held(t, group.t, values)
+                else:
+                    columns[n] = np.interp(t, group.t[new], values[new])
+            groups[name] = Group(group.source, t, columns, period)
         return replace(self, groups=groups)
 
     def _clock(self, rate: float | None) -> FloatArray:

@@ -11,7 +11,7 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -19,9 +19,9 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.files.columns import Column, parse_unit
+from validation.files.columns import COLUMNS, Column, parse_unit
 from validation.files.limits import USUAL, LogLimits
-from validation.files.names import ECHOED
+from validation.files.names import ECHOED, taken_by_name
 from validation.files.reading import FileError, opened, quoted
 
 _SEPARATORS = "\t;,| "
@@ -32,7 +32,7 @@ _LOOKED_AT = 30
 """Number of its rows that are looked at."""
 _COMMENTS = ("#", "%", "//")
 """Signs before a header that is a comment to others."""
-_NOTHING = ("", "nan", "na", "n/a", "null", "none")
+_NOTHING = ("", *"nan nat na n/a #n/a <na> null nil none - -- ?".split())
 """Words, in lower case, of cells in which there is no number."""
 _QUICK = 1 << 22
 """Size from which on pyarrow, which takes a tenth of a second to import, is quicker [bytes]."""
@@ -110,7 +110,7 @@ def read_rows(
     lines = array("q")
     bad: list[tuple[int, str] | None] = [None] * width
     words: dict[int, tuple[int, str]] = {}
-    decimals: dict[str, tuple[int, str]] = {}
+    decimals: dict[str, str] = {}
     for line, row in rows:
         if len(row) != width:
             raise FileError(
@@ -122,13 +122,12 @@ def read_rows(
             value = _number(cell)
             columns[place].append(value)
             if math.isfinite(value):
-                _note_decimal_sign(decimals, line, cell)
+                _note_decimal_sign(path, decimals, line, cell)
             elif bad[place] is None and (word := cell.strip()):
                 if word.lower() not in _NOTHING:
                     bad[place] = (len(lines), cell)
                 words.setdefault(place, (len(lines), cell))
         lines.append(line)
-    _require_one_sign(path, decimals)
     for place, word_at in words.items():
         if np.count_nonzero(np.isfinite(columns[place])) < _FEWEST and bad[place] is None:
             bad[place] = word_at
@@ -142,18 +141,13 @@ def read_rows(
     )
 
 
-def _note_decimal_sign(found: dict[str, tuple[int, str]], line: int, cell: str) -> None:
-    """Keep the first number with a decimal point, and the first with a comma."""
+def _note_decimal_sign(path: Path, found: dict[str, str], line: int, cell: str) -> None:
+    """Keep the first number with a decimal point or a comma; one with the other is refused."""
     for sign in ".,":
         if sign in cell and not _DATE.match(cell):
-            found.setdefault(sign, (line, cell))
-
-
-def _require_one_sign(path: Path, found: Mapping[str, tuple[int, str]]) -> None:
-    """Refuse a table in which some numbers have a decimal point, and some a comma."""
+            found.setdefault(sign, cell)
     if len(found) == 2:
-        (_, first), (line, second) = sorted(found.values())
-        what = f"there are {quoted([first, second])}: write all decimals with the same sign"
+        what = f"there are {quoted(found.values())}: write all decimals with the same sign"
         raise FileError(path, what, line)
 
 
@@ -315,13 +309,13 @@ def _span_of_alike_rows(rows: Sequence[_Row]) -> tuple[int, int]:
 
 
 def _find_header(path: Path, rows: Sequence[_Row], width: int) -> tuple[_Row, int]:
-    """Return the header and the number of lines before the first numbers; units may stand below.
+    """Return the header and the number of lines before the first numbers.
 
+    Of several rows of words it is the one that names most columns of ours; others may tell units.
     The first row that has the usual `width` is the first or the second.
     """
     wide = len(rows[0].cells) != width
     first = rows[wide]
-    header = first
     if width in ECHOED and not _is_text(first.cells[0]) and _is_text(first.cells[2]):
         names = [f"_{k}" if name == "_" else name for k, name in enumerate(ECHOED[width])]
         return _Row(first.line, first.line - 1, names), first.line - 1
@@ -331,12 +325,26 @@ def _find_header(path: Path, rows: Sequence[_Row], width: int) -> tuple[_Row, in
             what = "there are numbers where the names of the columns should be; put a line"
             raise FileError(path, f"{what} such as t,x,y,yaw above them", first.line)
         return header, header.end
-    below = rows[wide + 1] if len(rows) > wide + 1 else first
-    cells = [cell.strip(" []()") for cell in below.cells]
-    if len(cells) == width and all(_is_text(cell) and parse_unit(cell) for cell in cells):
-        named = zip(header.cells, cells, strict=True)
-        return header._replace(cells=[f"{name} [{unit}]" for name, unit in named]), below.end
-    return header, header.end
+    words = list(itertools.takewhile(lambda row: _is_of_words(row, width), rows[wide:]))
+    units = [row for row in words if all(map(parse_unit, row.cells))]
+    header = max((row for row in words if row not in units), key=_count_ours, default=first)
+    if not words or len(words) == len(rows[wide:]):
+        return header, header.end
+    for row in units:
+        cells = zip(header.cells, (cell.strip(" []()") for cell in row.cells), strict=True)
+        header = header._replace(cells=[f"{name} [{unit}]" for name, unit in cells])
+    return header, words[-1].end
+
+
+def _is_of_words(row: _Row, width: int) -> bool:
+    """Return whether a row of the usual width has words, and no number."""
+    filled = [cell for cell in row.cells if cell.strip().lower() not in _NOTHING]
+    return len(row.cells) == width and bool(filled) and all(map(_is_text, filled))
+
+
+def _count_ours(row: _Row) -> int:
+    """Return how many columns of ours the cells of a row name."""
+    return len({"t", *COLUMNS}.intersection(row.cells)) + len(taken_by_name(row.cells))
 
 
 def _errors_in(encoding: str) -> str:
@@ -360,7 +368,8 @@ def _split_rows(lines: Iterable[str], separator: str, skipped: int = 0) -> Itera
         if separator == " " and cells and not cells[-1]:
             cells = cells[:-1]
         end = skipped + reader.line_num
-        if len(cells) > 1 or any(map(str.strip, cells)):
+        is_remark = len(cells) == 1 and cells[0].lstrip().startswith(_COMMENTS)
+        if not is_remark and (len(cells) > 1 or any(map(str.strip, cells))):
             yield _Row(line, end, cells)
         line = end + 1
 

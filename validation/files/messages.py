@@ -33,6 +33,7 @@ by column."""
 # messages
 _JOINTS = ("velocity", "position", "effort")
 _POSE = "x={0}.x y={0}.y qw={1}.w qx={1}.x qy={1}.y qz={1}.z "
+_VECTOR = "{0}_x={1}.x {0}_y={1}.y {0}_z={1}.z "
 _TWIST = "v={0}linear.x w={0}angular.z "
 _TRANSFORMS = _POSE.format("transform.translation", "transform.rotation")
 FIELDS: Mapping[str, str] = MappingProxyType(
@@ -46,11 +47,8 @@ FIELDS: Mapping[str, str] = MappingProxyType(
         "nav_msgs/msg/Odometry": _POSE.format("pose.pose.position", "pose.pose.orientation")
         + _TWIST.format("twist.twist.")
         + "v_y=twist.twist.linear.y",
-        "sensor_msgs/msg/Imu": " ".join(
-            f"{ours}_{axis}={theirs}.{axis}"
-            for ours, theirs in (("gyro", "angular_velocity"), ("acc", "linear_acceleration"))
-            for axis in "xyz"
-        ),
+        "sensor_msgs/msg/Imu": _VECTOR.format("gyro", "angular_velocity")
+        + _VECTOR.format("acc", "linear_acceleration"),
         "sensor_msgs/msg/JointState": "",
         "sensor_msgs/msg/NavSatFix": "latitude=latitude longitude=longitude",
         "tf2_msgs/msg/TFMessage": _TRANSFORMS,

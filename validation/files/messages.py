@@ -36,7 +36,7 @@ _POSE = "x={0}.x y={0}.y qw={1}.w qx={1}.x qy={1}.y qz={1}.z "
 _VECTOR = "{0}_x={1}.x {0}_y={1}.y {0}_z={1}.z "
 _TWIST = "v={0}linear.x w={0}angular.z "
 _TRANSFORMS = _POSE.format("transform.translation", "transform.rotation")
-FIELDS: Mapping[str, str] = MappingProxyType(
+MESSAGE_FIELDS: Mapping[str, str] = MappingProxyType(
     {
         "geometry_msgs/msg/Twist": _TWIST.format(""),
         "geometry_msgs/msg/TwistStamped": _TWIST.format("twist."),
@@ -117,14 +117,14 @@ def collect(path: str, most: int) -> Answer:
 
     kinds: dict[tuple[str, str, tuple[str, ...]], tuple[array[int], array[int], array[float]]] = {}
     reads = {}
-    for kind, text in FIELDS.items():
+    for kind, text in MESSAGE_FIELDS.items():
         pairs = (field.split("=") for field in text.split())
         reads[kind] = {column: attrgetter(path) for column, path in pairs}
     read = set[str]()
     count = 0
     # the type store serves bags that do not contain their message types: ROS 2 before Iron
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        connections = [c for c in reader.connections if c.msgtype in FIELDS]
+        connections = [c for c in reader.connections if c.msgtype in MESSAGE_FIELDS]
         messages = reader.messages(connections) if connections else ()
         for connection, ns, raw in itertools.islice(messages, most):
             count += 1

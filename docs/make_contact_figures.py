@@ -22,8 +22,7 @@ from validation.experiment.runs import drive_piece
 from validation.experiment.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, spin_on_spot
-from validation.study.contact import Setting, all_settings, balanced_robot
-from validation.study.contact_drives import TURNED
+from validation.study.contact import TURNED, Setting, all_settings, balanced_robot
 
 _ROBOT = load_robot("husky")
 WHEELBASE = _ROBOT.wheelbase

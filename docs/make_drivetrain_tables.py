@@ -22,7 +22,7 @@ from validation.plants.kind import GROUND_TORQUES
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.study.contact_drives import creep_speed
+from validation.study.contact import creep_speed
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)

@@ -29,7 +29,7 @@ from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model
 from validation.simulator.motors import actuator_inputs
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, Impedance, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.study.contact_drives import creep_speed
+from validation.study.contact import creep_speed
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)

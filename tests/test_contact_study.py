@@ -31,10 +31,11 @@ from validation.study.contact import (
     all_settings,
     balanced_robot,
     chosen_settings,
+    creep_speed,
     make_trials,
+    rolling_radius,
     study_contact,
 )
-from validation.study.contact_drives import creep_speed, rolling_radius
 
 EVERY = all_settings()
 PYRAMIDAL = "cone: pyramidal"

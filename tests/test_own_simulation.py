@@ -276,10 +276,25 @@ def test_parts_may_stand_in_other_files_and_pairs_may_name_a_floor_elsewhere(
 
 def test_the_closed_form_holds_with_the_weight_off_the_middle(tmp_path: Path) -> None:
     robot = OwnRobot(model(com="0.05 -0.04 0.05"), {})
-    measures = examine(robot)
+    examine(robot)
     turn = mechanical_turn(robot)
-    assert measures["multiplier"] == pytest.approx(turn.multiplier, rel=0.02)
+    assert robot.measures["multiplier"] == pytest.approx(turn.multiplier, rel=0.02)
     assert turn.multiplier != pytest.approx(1.64, rel=0.02)
+
+
+def test_the_ground_may_begin_where_a_tyre_ends() -> None:
+    """It is found, and none is added."""
+    text = model(shape="sphere", size="0.16").replace("0 0 0.152", "0 0 0.16")
+    assert "0 0 0.16" in text
+    assert not OwnRobot(text, {}).notes
+
+
+def test_a_leaning_ground_is_not_weighed_as_a_level_one(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    path.write_text(model(ground='<geom type="plane" size="20 20 .1" euler="0 9 0"/>'))
+    check = check_robot(path)
+    assert check.ok
+    assert "slope" in {finding.kind for finding in check.findings}
 
 
 def test_it_may_drive_along_y(tmp_path: Path) -> None:
@@ -289,7 +304,8 @@ def test_it_may_drive_along_y(tmp_path: Path) -> None:
     )
     robot = OwnRobot(text, {})
     assert robot.wheeled.names == [f"{name}_j" for name in CORNERS]
-    assert examine(robot)["multiplier"] == pytest.approx(1.64, rel=0.01)
+    examine(robot)
+    assert robot.measures["multiplier"] == pytest.approx(1.64, rel=0.01)
 
 
 def test_torque_motors_are_driven_by_rates_and_that_is_said(tmp_path: Path) -> None:

@@ -239,7 +239,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     if foreign is not None and foreign.kind == "mjcf":
         if o.engine != "mujoco":
             raise ValueError(f"--engine {o.engine}: an MJCF is driven by the engine that it is of")
-        examined = examine_foreign(foreign, findings)
+        examined = examine_foreign(robot, foreign, findings)
         if o.write is not None and examined.mended is None:
             raise ValueError(f"--write {o.write}: no change helps, so there is nothing to write")
         if o.write is not None and examined.mended is not None:

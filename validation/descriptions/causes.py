@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ssmr.errors import SsmrError
-from validation.descriptions.balance import ONE_WHEEL, ROLLING, BalanceRow, examine, weigh_robot
+from validation.descriptions.balance import ONE_WHEEL, ROLLING, Balance, BalanceRow, examine
 from validation.descriptions.findings import Finding
-from validation.descriptions.influences import STOPPING
+from validation.descriptions.influences import STOPPING, Weighed
 from validation.descriptions.mjcf_text import Edits, MjcfText, Part
 from validation.descriptions.own_robot import OwnRobot
-from validation.descriptions.remedies import OPTION, REMEDIES, Remedy
+from validation.descriptions.remedies import MENDS, OPTION
 
 _GAIN = 0.9
 """Residual over what it was before, from which a change helps [1]."""
@@ -24,7 +24,8 @@ _OF_FILE = ("unlike_wheels", "wheel_shape", "axes", "friction_by_heading")
 """Kinds of what is wrong by the file alone: mended whatever drives say, if that harms none."""
 _EXPLAINING = (*STOPPING, *_OF_FILE, "which_friction", "weight_off", "hull")
 """Kinds that a file alone shows and that leave residuals in a balance."""
-Balance = Mapping[str, BalanceRow]
+Remedy = tuple[str, str, Edits]
+"""Kind of a finding, a sentence on the cause, and the edits that take it away."""
 
 
 def _excess_of(balance: Balance, row: str) -> float:
@@ -47,7 +48,11 @@ class Competition:
     """Changes of a model, of which those are left without which a row is off that else is not."""
 
     def __init__(
-        self, robot: OwnRobot, text: MjcfText | None, files: Mapping[str, bytes], known: set[str]
+        self,
+        robot: OwnRobot,
+        text: MjcfText | None,
+        files: Mapping[str, bytes],
+        weighed: Sequence[Weighed],
     ) -> None:
         """Drive the robot, and the changes if a row is off.
 
@@ -55,7 +60,7 @@ class Competition:
             robot: the model as it is.
             text: its file; None where nothing can be changed.
             files: the files that this names.
-            known: kinds of faults by the file alone.
+            weighed: what may spoil its motion, by the file alone.
 
         Raises:
             SsmrError: its simulation fails whatever is changed.
@@ -64,17 +69,19 @@ class Competition:
         self.text = text
         self.kept = list[Remedy]()
         self.eaters = dict[str, tuple[float, str]]()
-        examine(robot)
+        self.before = examine(robot)
         self.robot = robot
-        self.before: Balance = weigh_robot(robot)
         self.after: Balance = self.before
         if text is not None:
             self._rescue(text)
-        # mechanics knows nothing of a robot whose weight lies outside of its wheels
-        self.stands = ONE_WHEEL in self.before
+        # mechanics knows nothing of a robot whose weight lies outside of its wheels, or of a slope
+        leans = any(kind == "slope" and severity for kind, severity, _, _ in weighed)
+        self.stands = ONE_WHEEL in self.before and not leans
         is_off = any(row.excess > 1.0 for row in self.before.values())
-        if text is not None and self.stands and (is_off or known.intersection(_OF_FILE)):
-            self._compete(text, known)
+        faults = {kind for kind, severity, _, _ in weighed if severity == "fault"}
+        forced = faults.intersection(_OF_FILE)
+        if text is not None and self.stands and (is_off or forced):
+            self._compete(text, weighed, forced)
 
     def _rescue(self, text: MjcfText) -> None:
         """Take the integrator and the step with which its simulation runs, if it does not."""
@@ -88,34 +95,31 @@ class Competition:
                 values["timestep"] = f"{step / 2**halvings:g}"
             rescue = ("step", cause, {OPTION: values})
             mended = OwnRobot(text.edited(rescue[2]), self.files)
-            if examine(mended)["diverged"] == 0.0:
+            after = examine(mended)
+            if mended.measures["diverged"] == 0.0:
                 self.robot = mended
                 self.kept = [rescue]
-        if self.kept:
-            # what it did before it diverged is nothing to be compared
-            row = next(iter(self.before.values()))
-            self.before = {**weigh_robot(self.robot), row.row: row}
-            self.after = weigh_robot(self.robot)
+                self.after = after
+                # what it did before it diverged is nothing to be compared
+                row = next(iter(self.before.values()))
+                self.before = {**after, row.row: row}
 
     def _tried(self, remedies: Iterable[Remedy]) -> Balance:
         """Return the balance with some changes; empty where the simulator fails."""
         assert self.text is not None
         try:
-            robot = OwnRobot(self.text.edited(together(remedies)), self.files)
-            examine(robot)
+            return examine(OwnRobot(self.text.edited(together(remedies)), self.files))
         except (ValueError, SsmrError):
             return {}
-        return weigh_robot(robot)
 
-    def _compete(self, text: MjcfText, known: set[str]) -> None:
+    def _compete(self, text: MjcfText, weighed: Sequence[Weighed], forced: set[str]) -> None:
         """Make all changes, and take away again each that is not needed."""
-        forced = known.intersection(_OF_FILE)
         kept = list(self.kept)
         rescues = len(kept)
-        for make in REMEDIES:
-            remedy = make(self.robot, text)
-            if remedy[2]:
-                kept.append(remedy)
+        for kind, _, cause, mend in weighed:
+            edits = MENDS[mend](self.robot, text) if mend else {}
+            if edits:
+                kept.append((kind, cause, edits))
         after = self._tried(kept)
         for _ in range(_ROUNDS):
             for remedy in kept[:rescues:-1] + kept[rescues : rescues + 1]:

@@ -19,8 +19,9 @@ from validation.descriptions.balance import LEAST_TURN, TURN, BalanceRow, in_wor
 from validation.descriptions.causes import Competition, together
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
+from validation.descriptions.influences import weigh_influences
 from validation.descriptions.mjcf_text import MjcfText
-from validation.descriptions.own_robot import LOADS, OwnRobot
+from validation.descriptions.own_robot import OwnRobot
 from validation.output import Document, one_line
 from validation.simulator.calibration import Calibration
 from validation.simulator.checking import load_shares, spot_turn
@@ -75,11 +76,14 @@ def own_physics(measures: Mapping[str, Any]) -> Document:
     }
 
 
-def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Examined:
+def examine_foreign(
+    described: Robot, foreign: ForeignRobot, known: Sequence[Finding] = ()
+) -> Examined:
     """Drive an MJCF of others with its own physics, and try what would mend it.
 
     Args:
-        foreign: the robot.
+        described: the robot, as a file of ours has it.
+        foreign: the same in its own file.
         known: what is wrong by its numbers alone.
 
     Raises:
@@ -93,8 +97,7 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
     except ValueError as error:
         notes.append(f"no change was tried: {error}")
     robot = OwnRobot(foreign.text if text is None else text.edited({}), foreign.files)
-    faults = {finding.kind for finding in known if finding.severity == "fault"}
-    competition = Competition(robot, text, foreign.files, faults)
+    competition = Competition(robot, text, foreign.files, weigh_influences(described, foreign))
     robot = competition.robot
     notes = [*robot.notes, *notes]
     if robot.given_rates:
@@ -106,12 +109,12 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
     kept = competition.kept
     findings = competition.findings(known)
     return Examined(
-        sentences=[in_words(measures), *notes],
+        sentences=[in_words(robot), *notes],
         findings=findings,
         balance=competition.rows(),
         closes=competition.closes,
         numbers=own_physics(measures),
-        loads=[measures[load] for load in LOADS if load in measures],
+        loads=robot.loads.tolist(),
         mended=text.edited(together(kept)) if text and kept else None,
     )
 

@@ -51,10 +51,6 @@ _MOST_IN_WHEELS = 0.5
 """Share of the mass in the wheels beyond which it raises a question [1]."""
 _SAME = 0.02
 """Deviation of two lengths that are one [1]."""
-UNLIKE = 0.004
-"""Deviation of a wheel's radius from the others' from which wheels are unlike [1]."""
-OFF_AXLE = 0.01
-"""Distance of a tyre's middle from its axle over its radius, from which it is off [1]."""
 
 
 class Finding(NamedTuple):
@@ -92,9 +88,9 @@ def static_findings(robot: Robot, foreign: ForeignRobot | None = None) -> list[F
     """Return what is wrong with a robot by its numbers alone, faults first."""
     found = [look(robot, foreign) for look in _LOOKS]
     if foreign is not None:
-        found += [look(foreign) for look in _FOREIGN_LOOKS]
-        for kind, is_fault, cause in weigh_influences(robot, foreign):
-            found.append(Finding(kind, "fault" if is_fault else "question", cause))
+        for kind, severity, cause, _ in weigh_influences(robot, foreign):
+            if severity:
+                found.append(Finding(kind, severity, cause))
     findings = [finding for finding in found if finding is not None]
     return sorted(findings, key=lambda finding: finding.severity)
 
@@ -378,31 +374,6 @@ def _motor_weak(robot: Robot, foreign: Others) -> Finding | None:
     )
 
 
-def _wheel_shape(foreign: ForeignRobot) -> Finding | None:
-    words = {
-        "box": "is a box",
-        "mesh": "is a mesh, of which MuJoCo takes the hull with its corners",
-        "lying": "is a cylinder or capsule across the axle",
-        "oval": "is not round",
-    }
-    for name, drum in zip(foreign.wheeled.names, foreign.drums, strict=True):
-        if drum is None:
-            continue
-        if drum.off_axle > OFF_AXLE * drum.radius:
-            text = f"is {1e3 * drum.off_axle:.1f} mm off its axle"
-        elif drum.kind in words:
-            text = words[drum.kind]
-        else:
-            continue
-        return Finding(
-            "wheel_shape",
-            "question" if drum.kind == "mesh" else "fault",
-            f"the shape of wheel {name} {text}, so that the robot hops and turns unevenly",
-            "take an ellipsoid or a cylinder about the axle",
-        )
-    return None
-
-
 def _controller(robot: Robot, foreign: Others) -> Finding | None:
     drive = robot.drive
     given = "drive.command_half_track" in robot.given or "drive.command_radius" in robot.given
@@ -463,4 +434,3 @@ _LOOKS: Sequence[Callable[[Robot, Others], Finding | None]] = (
     _guess,
     _controller,
 )
-_FOREIGN_LOOKS: Sequence[Callable[[ForeignRobot], Finding | None]] = (_wheel_shape,)

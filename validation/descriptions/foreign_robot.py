@@ -21,7 +21,7 @@ from ssmr.types import FloatArray
 from validation.descriptions import gazebo
 from validation.descriptions.gazebo import NumbersByName
 from validation.descriptions.sdf import urdf_of_sdf
-from validation.descriptions.wheels import Drum, WheeledRobot
+from validation.descriptions.wheels import Drum, WheeledRobot, motor_moments
 from validation.files import guarded, reading
 from validation.output import one_line
 from validation.simulator import foreign
@@ -52,8 +52,9 @@ class ForeignRobot:
     """Its model, and its wheels."""
     contacts: Sequence[NumbersByName]
     """Numbers of the surfaces of the four wheels, as `contact_numbers` has them; `torsion` [m],
-    `rolling` [m], the tyre's `own` friction, `gap` to the ground [m] and `misses`
-    (1 or 0) where MuJoCo says them."""
+    `rolling` [m], the tyre's `own` friction, `gap` to the ground [m], `misses` and
+    `mixed`, of a contact that is softer by one of its two shapes (1 or 0), where MuJoCo says
+    them."""
     limits: Sequence[NumbersByName]
     """Limits of the wheels' joints and motors: `effort` [N m], `velocity` [rad/s] and `range` [rad]
     of the angle, `nothing` (1) where one is 0; `gain` [N m s/rad] and `gear` of MuJoCo's motors."""
@@ -400,95 +401,12 @@ def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
         name=_plain_name(root.get("model", "")) or _plain_name(path.stem),
         kind="mjcf",
         wheeled=wheeled,
-        contacts=[_tyre_contact(wheeled, joint) for joint in wheeled.joints],
-        limits=[_motor_numbers(wheeled.model, joint) for joint in wheeled.joints],
-        motorised=all(_actuators(wheeled.model, joint) for joint in wheeled.joints),
+        contacts=[wheeled.tyre_contact(joint) for joint in wheeled.joints],
+        limits=wheeled.limits_of_motors(),
+        motorised=bool(motor_moments(wheeled.model, wheeled.joints).any(axis=0).all()),
         tensors=tensors,
         controller=controller,
         sides={},
         text=text,
         files=files,
-    )
-
-
-def _actuators(model: mujoco.MjModel, joint: int) -> list[int]:
-    """Return the actuators of a joint."""
-    kind = mujoco.mjtTrn.mjTRN_JOINT
-    on_joint = (model.actuator_trntype == kind) & (model.actuator_trnid[:, 0] == joint)
-    return [int(a) for a in np.flatnonzero(on_joint)]
-
-
-def _motor_numbers(model: mujoco.MjModel, joint: int) -> NumbersByName:
-    """Return what the motors of a wheel's joint can do: the least that they give either way.
-
-    See `ForeignRobot.limits`; a limit that is not given is left out.
-    """
-    numbers = NumbersByName()
-
-    def keep_least(key: str, limits: FloatArray, factor: float) -> None:
-        most = abs(factor) * max(0.0, min(-float(limits[0]), float(limits[1])))
-        numbers[key] = min(numbers.get(key, np.inf), most)
-
-    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
-        numbers["effort"] = 0.0
-    if model.jnt_actfrclimited[joint]:
-        keep_least("effort", model.jnt_actfrcrange[joint], 1.0)
-    for a in _actuators(model, joint):
-        gear = float(model.actuator_gear[a, 0])
-        gain = float(model.actuator_gainprm[a, 0])
-        of_angle, of_rate = (-model.actuator_biasprm[a, 1:3]).tolist()
-        numbers["gear"] = float(np.sign(gear * gain))
-        if model.actuator_forcelimited[a]:
-            keep_least("effort", model.actuator_forcerange[a], gear)
-        if of_angle == 0.0 and of_rate > 0.0:
-            numbers["gain"] = numbers.get("gain", 0.0) + gear**2 * of_rate
-        if not model.actuator_ctrllimited[a] or gear == 0.0:
-            continue
-        if of_rate > 0.0 and of_angle == 0.0:
-            keep_least("velocity", model.actuator_ctrlrange[a], gain / (of_rate * gear))
-        elif of_angle > 0.0:
-            keep_least("velocity", model.actuator_ctrlrange[a], gain / (of_angle * gear))
-        else:
-            keep_least("effort", model.actuator_ctrlrange[a], gain * gear)
-    return numbers
-
-
-def _tyre_contact(wheeled: WheeledRobot, joint: int) -> NumbersByName:
-    """Return what MuJoCo says of a tyre on the ground under it; of the tyre alone without ground.
-
-    See `ForeignRobot.contacts`. A pair decides, else the shape of the higher priority, else the
-    larger number of both.
-    """
-    model = wheeled.model
-    drum = wheeled.drum(joint)
-    if drum is None:
-        return NumbersByName(misses=1.0)
-    ground = wheeled.find_ground(joint)
-    sides = [drum.geom] if ground is None else [drum.geom, ground]
-    misses = ground is not None and not wheeled.can_touch(drum.geom, ground)
-    hit = (model.pair_geom1 == drum.geom) | (model.pair_geom2 == drum.geom)
-    pairs = np.flatnonzero(hit)
-    if len(pairs):
-        dimension = int(model.pair_dim[pairs[0]])
-        mu1, mu2, torsion, rolling, _ = model.pair_friction[pairs[0]].tolist()
-        own = mu1
-    else:
-        priority = model.geom_priority[sides]
-        sides = [side for side, p in zip(sides, priority, strict=True) if p == priority.max()]
-        dimension = int(model.geom_condim[sides].max())
-        mu1, torsion, rolling = model.geom_friction[sides].max(axis=0).tolist()
-        mu2 = mu1
-        own = float(model.geom_friction[sides[0], 0])
-    slides = float(dimension > 1)
-    gap = np.nan
-    if ground is not None and model.geom_type[ground] != mujoco.mjtGeom.mjGEOM_HFIELD:
-        gap = mujoco.mj_geomDistance(model, wheeled.data, drum.geom, ground, np.inf, None)
-    return NumbersByName(
-        gap=gap,
-        mu1=slides * mu1,
-        mu2=slides * mu2,
-        own=slides * own,
-        torsion=torsion if dimension > 3 else 0.0,
-        rolling=rolling if dimension > 4 else 0.0,
-        misses=float(misses),
     )

@@ -85,6 +85,10 @@ class MjcfText:
         """Return whether a part is written in the text."""
         return part in self._parts
 
+    def attributes(self, part: Part) -> Mapping[str, str]:
+        """Return what a part's tag says, by attribute."""
+        return self._parts[part].element.attrib
+
     def tag(self, part: Part) -> str:
         """Return the tag of a part, such as `velocity` of an actuator."""
         return self._parts[part].element.tag

@@ -231,23 +231,19 @@ class OwnPlant(BodyPlant):
 
     def _placed(self, robot: OwnRobot, state: State) -> FloatArray:
         """Return the simulator's state of a robot that rests in `state`."""
-        model = robot.model
-        joint = model.body_jntadr[robot.wheeled.root]
-        at = 1 + model.jnt_qposadr[joint]
-        moving = 1 + model.nq + model.jnt_dofadr[joint]
-        placed = robot.rest.copy()
-        placed[0] = 0.0
-        x, y, yaw = robot.pose_of(placed)
+        data = robot.data_of(robot.rest)
+        data.time = 0.0
+        x, y, yaw = robot.pose_of(robot.rest)
+        root = data.joint(int(robot.model.body_jntadr[robot.wheeled.root]))
         turned = state.yaw - yaw
-        away = rotate_body_to_world(placed[at : at + 2] - [x, y], turned)
-        placed[at : at + 2] = away + np.array([state.x, state.y])
-        quat = placed[at + 3 : at + 7]
-        mujoco.mju_mulQuat(quat, yaw_to_quat_wxyz(turned), quat.copy())
+        away = rotate_body_to_world(root.qpos[:2] - [x, y], turned)
+        root.qpos[:2] = away + np.array([state.x, state.y])
+        mujoco.mju_mulQuat(root.qpos[3:7], yaw_to_quat_wxyz(turned), root.qpos[3:7].copy())
         velocity = rotate_body_to_world([state.v_x, state.v_y], state.yaw)
-        placed[moving : moving + 6] = 0.0
+        root.qvel[:] = 0.0
         # the root moves about the middle
-        placed[moving : moving + 2] = velocity + state.yaw_rate * (away[::-1] * [-1.0, 1.0])
-        placed[moving + 5] = state.yaw_rate
+        root.qvel[:2] = velocity + state.yaw_rate * (away[::-1] * [-1.0, 1.0])
+        root.qvel[5] = state.yaw_rate
         rates = self._numbers.rolling * np.tile([state.wheel_left, state.wheel_right], 2)
-        placed[1 + model.nq + np.array(robot.dofs)] = rates * robot.signs
-        return placed
+        data.qvel[robot.dofs] = rates * robot.signs
+        return robot.state_of(data)

@@ -8,11 +8,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco import mjtDyn, mjtGeom, mjtJoint, mjtObj, mjtSensor
+from mujoco import mjtGeom, mjtJoint, mjtObj, mjtSensor
 
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.types import FloatArray, Trajectory
-from validation.descriptions.wheels import WheeledRobot
+from validation.descriptions.wheels import WheeledRobot, motor_moments
 from validation.output import one_line
 from validation.simulator import foreign
 from validation.simulator.motors import GIVEN_SHARE, GIVEN_STEPS, lead_rates
@@ -32,8 +32,6 @@ _SITE = "ssmr_middle"
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 Measures = dict[str, float]
 """Measurements of trials [SI], by name."""
-LOADS = ("load_fl", "load_fr", "load_rl", "load_rr")
-"""Names of the loads at rest among measurements [N]."""
 
 
 class OwnRobot:
@@ -58,18 +56,20 @@ class OwnRobot:
         foreign.complete_spec(spec, files)
         for sensor in list(spec.sensors):
             spec.delete(sensor)
-        self.wheeled = wheeled = WheeledRobot(spec.compile(), any_direction=True)
         self.measures = Measures()
+        self.loads: FloatArray = np.empty(0)
         self.notes = list[str]()
-        self.names = [wheeled.model.joint(joint).name for joint in wheeled.joints]
-        self.tyres = [wheeled.drum(joint) for joint in wheeled.joints]
+        self._find_wheels(spec)
+        wheeled = self.wheeled
+        self.contacts = [wheeled.tyre_contact(joint) for joint in wheeled.joints]
+        self.limits = wheeled.limits_of_motors()
         root = spec.body(wheeled.model.body(wheeled.root).name)
         if not list(root.joints):
             root.add_freejoint()
             self.is_fixed = True
-        self.ground = self._ground(spec)
         self._add_sensors(spec, root)
-        left, right = np.abs(self._inputs(wheeled.model)).sum(axis=0).reshape(2, 2).sum(axis=0)
+        inputs = wheeled.servo_inputs()
+        left, right = np.abs(inputs).sum(axis=0).reshape(2, 2).sum(axis=0)
         # without a servo of its rate on each side the robot is driven by rates
         self.given_rates = given_rates or not (left > 0.0 and right > 0.0)
         if self.given_rates:
@@ -79,22 +79,27 @@ class OwnRobot:
             raise ValueError("its gravity is 0, so no wheel touches the ground")
         self.dofs = [int(self.model.joint(name).dofadr[0]) for name in self.names]
         self.signs = wheeled.signs
-        self._gains = self._moments(self.model) if self.given_rates else self._inputs(self.model)
+        joints = [self.model.joint(name).id for name in self.names]
+        self._gains = motor_moments(self.model, joints) if self.given_rates else inputs
         self.driven = self._gains.any(axis=0)
         self._start = self._placed()
         self.rest: FloatArray = self._start
 
     # ------------------------------------------------------------------------- building
-    def _ground(self, spec: Any) -> str:
-        """Return the name of the ground, which is added where there is none."""
-        for joint in self.wheeled.joints:
-            ground = self.wheeled.find_ground(joint)
+    def _find_wheels(self, spec: Any) -> None:
+        """Find wheels and ground, which is added where there is none."""
+        self.wheeled = wheeled = WheeledRobot(spec.compile(), any_direction=True)
+        self.names = [wheeled.model.joint(joint).name for joint in wheeled.joints]
+        self.tyres = [wheeled.drum(joint) for joint in wheeled.joints]
+        grounds = [wheeled.find_ground(joint) for joint in wheeled.joints]
+        for ground in grounds:
             if ground is not None:
-                return str(self.wheeled.model.geom(ground).name)
+                self.ground = str(wheeled.model.geom(ground).name)
+                return
         self.notes.append("its file has no ground; here it stands on a plane of MuJoCo's defaults")
         plane = {"type": mjtGeom.mjGEOM_PLANE, "size": [0, 0, 1], "pos": [0, 0, self.bottom]}
         spec.worldbody.add_geom(name="ssmr_ground", **plane)
-        return "ssmr_ground"
+        self._find_wheels(spec)
 
     @property
     def bottom(self) -> float:
@@ -141,7 +146,8 @@ class OwnRobot:
         ahead = np.ones(len(turning))
         np.divide(foreseen, happened, out=ahead, where=happened != 0.0)
         steps = 1.0 / np.maximum(ahead - 1.0, 1.0 / GIVEN_STEPS)
-        for actuator in reversed(np.flatnonzero(self._moments(model).any(axis=1)).tolist()):
+        moments = motor_moments(model, self.wheeled.joints)
+        for actuator in reversed(np.flatnonzero(moments.any(axis=1)).tolist()):
             spec.delete(spec.actuators[actuator])
         mass = float(model.body_subtreemass[self.wheeled.root])
         for name, drum, lag in zip(self.names, self.tyres, steps.tolist(), strict=True):
@@ -182,29 +188,6 @@ class OwnRobot:
         _, share = self._change_in_air(model, still, self._gains @ np.ones(len(self.dofs)))
         return np.asarray(1.0 / share - 1.0)
 
-    def _moments(self, model: mujoco.MjModel) -> FloatArray:
-        """Return the (nu, 4) rate of each actuator over the rate of each wheel [1]."""
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        moments = np.zeros((model.nu, model.nv))
-        if model.nu:
-            rows = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-            mujoco.mju_sparse2dense(moments, data.actuator_moment, *rows)
-        return moments[:, [int(model.joint(name).dofadr[0]) for name in self.names]]
-
-    def _inputs(self, model: mujoco.MjModel) -> FloatArray:
-        """Return the (nu, 4) inputs of the servos over the rates of the wheels [s/rad]."""
-        gain = model.actuator_gainprm[:, 0]
-        stiffness = model.actuator_biasprm[:, 1]
-        damping = model.actuator_biasprm[:, 2]
-        integrates = model.actuator_dyntype == mjtDyn.mjDYN_INTEGRATOR
-        scales = np.zeros(model.nu)
-        holds_rate = (gain > 0.0) & ~integrates & (stiffness == 0.0) & (damping < 0.0)
-        np.divide(-damping, gain, out=scales, where=holds_rate)
-        holds_angle = (gain > 0.0) & integrates & (stiffness < 0.0)
-        np.divide(-stiffness, gain, out=scales, where=holds_angle)
-        return np.asarray(scales[:, None] * self._moments(model))
-
     @property
     def servos(self) -> list[str]:
         """Names of the actuators that drive the wheels."""
@@ -231,6 +214,11 @@ class OwnRobot:
         return float(np.linalg.norm(self.model.opt.gravity))
 
     @property
+    def speed_unit(self) -> float:
+        """Speed sqrt(g r) that speeds of robots of every size are shares of [m/s]."""
+        return math.sqrt(self.gravity * self.radius)
+
+    @property
     def top_rate(self) -> float:
         """Greatest wheel rate that the inputs of its servos allow [rad/s]."""
         model = self.model
@@ -248,9 +236,7 @@ class OwnRobot:
         is_free = model.jnt_type[root] == mjtJoint.mjJNT_FREE
         if is_free and ground.type[0] == mjtGeom.mjGEOM_PLANE:
             data.qpos[model.jnt_qposadr[root] + 2] += float(ground.pos[2]) - self.bottom
-        state = np.empty(mujoco.mj_stateSize(model, _STATE))
-        mujoco.mj_getState(model, data, state, _STATE)
-        return state
+        return self.state_of(data)
 
     # ------------------------------------------------------------------------- driving
     def settle(self) -> Trajectory:
@@ -359,37 +345,35 @@ class OwnRobot:
 
     def pose_of(self, state: FloatArray) -> tuple[float, float, float]:
         """Return x, y [m] and yaw [rad] of the middle between the axles in a simulator's state."""
-        data = mujoco.MjData(self.model)
-        mujoco.mj_setState(self.model, data, state, _STATE)
-        mujoco.mj_kinematics(self.model, data)
-        site = data.site(_SITE)
+        site = self.data_of(state).site(_SITE)
         x, y, _ = site.xpos.tolist()
         return x, y, math.atan2(site.xmat[3], site.xmat[0])
 
-    @property
-    def stiffnesses(self) -> FloatArray:
-        """(4,) torque by which the servos of each wheel answer a rate that it lacks [N m s/rad]."""
-        moments = self._moments(self.model)
-        gains = self.model.actuator_gainprm[:, :1] * self._gains
-        return np.asarray((np.abs(gains * moments)).sum(axis=0))
+    def data_of(self, state: FloatArray) -> mujoco.MjData:
+        """Return the simulator in a state, with the places of all parts."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_setState(self.model, data, state, _STATE)
+        mujoco.mj_kinematics(self.model, data)
+        return data
+
+    def state_of(self, data: mujoco.MjData) -> FloatArray:
+        """Return the state of the simulator."""
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, data, state, _STATE)
+        return state
+
+    def of_wheels(self, key: str, usual: float) -> FloatArray:
+        """Return (4,) numbers of contacts or motors, see `ForeignRobot`; `usual` for what lacks."""
+        numbers = zip(self.contacts, self.limits, strict=True)
+        return np.array([(one | other).get(key, usual) for one, other in numbers])
 
     @property
-    def most_torques(self) -> FloatArray:
-        """(4,) greatest torque of each wheel's motors and joint [N m]; infinite without a limit."""
-        model = self.model
-        limits = np.abs(model.actuator_forcerange).max(axis=1)
-        limits = np.where(model.actuator_forcelimited, limits, np.inf)
-        moments = np.abs(self._moments(model))
-        of_motors = np.zeros(moments.shape)
-        np.multiply(moments, limits[:, None], out=of_motors, where=moments > 0.0)
-        joints = [model.joint(name).id for name in self.names]
-        of_joints = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
-        of_joints = np.where(model.jnt_actfrclimited[joints], of_joints, np.inf)
-        return np.minimum(of_motors.sum(axis=0), of_joints)
+    def frictions(self) -> FloatArray:
+        """(4,) frictions with which the tyres slide on the ground [1]."""
+        return np.maximum(self.of_wheels("mu1", 0.0), self.of_wheels("mu2", 0.0))
 
     def _resting(self) -> mujoco.MjData:
-        data = mujoco.MjData(self.model)
-        mujoco.mj_setState(self.model, data, self.rest, _STATE)
+        data = self.data_of(self.rest)
         mujoco.mj_forward(self.model, data)
         return data
 
@@ -401,15 +385,14 @@ class OwnRobot:
     def other_contacts(self) -> str:
         """Return the names of the robot's shapes that touch at rest, beside tyres on the ground."""
         model = self.model
-        data = self._resting()
-        drums = [drum.geom for drum in self.tyres if drum is not None]
-        tyres = {self.wheeled.model.geom(geom).name for geom in drums}
+        tyres = {self.wheeled.model.geom(d.geom).name for d in self.tyres if d is not None}
         root = model.body(self.wheeled.model.body(self.wheeled.root).name).id
+        is_of_robot = model.body_rootid[model.geom_bodyid] == root
         found = set[str]()
-        for pair in data.contact.geom:
-            names = {model.geom(int(geom)).name for geom in pair}
-            is_of_robot = model.body_rootid[model.geom_bodyid[pair]] == root
-            if is_of_robot.any() and not (self.ground in names and names & tyres):
+        for pair in self._resting().contact.geom.tolist():
+            names = {model.geom(geom).name for geom in pair}
+            is_rolling = self.ground in names and names & tyres
+            if is_of_robot[pair].any() and not is_rolling:
                 found |= names - {self.ground}
         return one_line(", ".join(sorted(found)))
 

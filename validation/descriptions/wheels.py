@@ -12,6 +12,7 @@ from mujoco import mjtGeom, mjtJoint
 
 from ssmr.robot.ground import FRONT, LEFT
 from ssmr.types import FloatArray
+from validation.descriptions.gazebo import NumbersByName
 from validation.output import one_line
 
 _LEVEL = 0.17
@@ -24,10 +25,23 @@ _FEW_TURNS = 4.0 * np.pi
 """Range of a joint beyond which its limits are none [rad]."""
 _ASKEW = 0.05
 """Greatest distance of a wheel from the corner of a rectangle, over its shorter side [1]."""
+_HARD = 0.05
+"""Difference of two impedances or time constants that are not one, over the greater [1]."""
 _REACH = 0.25
 """Greatest height of a wheel's lowest point above that of the lowest wheel, over its radius [1]."""
 _WHEEL_WORDS = re.compile(r"wheel|tire|tyre|rueda|roue|rad(?![a-z])", re.IGNORECASE)
 
+UNLIKE = 0.004
+"""Deviation of a wheel's radius from the others' from which wheels are unlike [1]."""
+_OFF_AXLE = 0.01
+"""Distance of a tyre's middle from its axle over its radius, from which it is off [1]."""
+_FLAWS = {
+    "box": "a box",
+    "mesh": "a mesh, of which MuJoCo takes the hull with its corners",
+    "lying": "a cylinder or capsule across the axle",
+    "oval": "not round",
+}
+"""Shapes by kind that roll unevenly."""
 _ROUND = (mjtGeom.mjGEOM_CYLINDER, mjtGeom.mjGEOM_ELLIPSOID)
 """Shapes of wheels; spheres are those of casters."""
 
@@ -45,6 +59,18 @@ class Drum(NamedTuple):
     """Half its extent along the axle [m]."""
     off_axle: float
     """Distance of its middle from the axle [m]."""
+
+    @property
+    def is_off_axle(self) -> bool:
+        """Whether its middle lies beside the axle."""
+        return self.off_axle > _OFF_AXLE * self.radius
+
+    @property
+    def flaw(self) -> str:
+        """What lets it roll unevenly; empty for a round tyre about its axle."""
+        if self.is_off_axle:
+            return f"{1e3 * self.off_axle:.1f} mm off the axle"
+        return _FLAWS.get(self.kind, "")
 
     @property
     def contact_half_width(self) -> float:
@@ -314,21 +340,26 @@ class WheeledRobot:
         drum = self.drum(joint)
         place = self.data.xanchor[joint].copy()
         hit = np.zeros(1, dtype=np.int32)
-        # direction, shapes of all groups, fixed ones too, of no body left out
-        straight_down = np.array([0.0, 0.0, -1.0]), None, 1, -1
-        missed = None
+        # fixed shapes alone: a tyre may end where the ground begins
+        seen = mujoco.MjModel.__copy__(model)
+        seen.geom_group[:] = model.body_weldid[model.geom_bodyid] != 0
+        straight_down = (
+            np.array([0.0, 0.0, -1.0]),
+            np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8),
+            1,
+            -1,
+        )
+        found = []
         for _ in range(model.ngeom):
-            away = mujoco.mj_ray(model, self.data, place, *straight_down, hit)
+            away = mujoco.mj_ray(seen, self.data, place, *straight_down, hit)
             geom = int(hit[0])
             if geom < 0:
                 break
             place[2] -= away + 1e-6
-            if model.body_weldid[model.geom_bodyid[geom]] != 0:
-                continue
             if drum is not None and self.can_touch(drum.geom, geom):
                 return geom
-            missed = missed or geom
-        return missed
+            found.append(geom)
+        return found[0] if found else None
 
     def can_touch(self, one: int, other: int) -> bool:
         """Return whether two shapes of a model may touch: a pair, or masks and no exclusion."""
@@ -423,6 +454,117 @@ class WheeledRobot:
         corners = (boxes[:, 0] + signs * boxes[:, 1]) @ turns.transpose(0, 2, 1)
         points = (self.data.geom_xpos[of_base, None] + corners) @ self.turn.T - self.origin
         return np.array([points.min(axis=(0, 1)), points.max(axis=(0, 1))])
+
+    # ------------------------------------------------------------------------- of an MJCF
+    def servo_inputs(self) -> FloatArray:
+        """Return the (nu, 4) inputs of the servos over the rates of the wheels [s/rad]."""
+        model = self.model
+        gain = model.actuator_gainprm[:, 0]
+        stiffness = model.actuator_biasprm[:, 1]
+        damping = model.actuator_biasprm[:, 2]
+        integrates = model.actuator_dyntype == mujoco.mjtDyn.mjDYN_INTEGRATOR
+        scales = np.zeros(model.nu)
+        holds_rate = (gain > 0.0) & ~integrates & (stiffness == 0.0) & (damping < 0.0)
+        np.divide(-damping, gain, out=scales, where=holds_rate)
+        holds_angle = (gain > 0.0) & integrates & (stiffness < 0.0)
+        np.divide(-stiffness, gain, out=scales, where=holds_angle)
+        return np.asarray(scales[:, None] * motor_moments(model, self.joints))
+
+    def limits_of_motors(self) -> list[NumbersByName]:
+        """Return what the motors of each wheel can do: the least that they give either way.
+
+        See `foreign_robot.ForeignRobot.limits`; a limit that is not given is left out.
+        """
+        model = self.model
+        joints = self.joints
+        moments = motor_moments(model, joints)
+        inputs = np.abs(self.servo_inputs())
+        gain = model.actuator_gainprm[:, 0]
+        torques = _least_way(model.actuator_forcelimited, model.actuator_forcerange)
+        most_inputs = _least_way(model.actuator_ctrllimited, model.actuator_ctrlrange)
+        # without a servo the input is the torque
+        is_plain = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
+        torques = np.minimum(torques, np.where(is_plain, np.abs(gain) * most_inputs, np.inf))
+        if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
+            torques[:] = 0.0
+        of_joints = _least_way(model.jnt_actfrclimited[joints], model.jnt_actfrcrange[joints])
+        rate_gain = gain * (model.actuator_biasprm[:, 1] == 0.0)
+        found = []
+        for wheel, most in enumerate(of_joints.tolist()):
+            acting = np.flatnonzero(moments[:, wheel])
+            levers = moments[acting, wheel]
+            needs = inputs[acting, wheel]
+            numbers = NumbersByName(
+                effort=min(most, float(np.abs(levers) @ torques[acting])) if len(acting) else most,
+                velocity=float(
+                    (most_inputs[acting] / np.maximum(needs, 1e-300)).min(initial=np.inf)
+                ),
+                gain=float(np.abs(rate_gain[acting] * levers) @ needs) or np.inf,
+                gear=float(np.sign(gain[acting] @ levers)) or np.inf,
+            )
+            found.append({key: value for key, value in numbers.items() if value < np.inf})
+        return found
+
+    def tyre_contact(self, joint: int) -> NumbersByName:
+        """Return what MuJoCo says of a tyre on the ground under it, or of the tyre alone.
+
+        See `foreign_robot.ForeignRobot.contacts`. A pair decides, else the shape of the higher
+        priority, else the larger number of both.
+        """
+        model = self.model
+        drum = self.drum(joint)
+        if drum is None:
+            return NumbersByName(misses=1.0)
+        ground = self.find_ground(joint)
+        sides = [drum.geom] if ground is None else [drum.geom, ground]
+        misses = ground is not None and not self.can_touch(drum.geom, ground)
+        hit = (model.pair_geom1 == drum.geom) | (model.pair_geom2 == drum.geom)
+        pairs = np.flatnonzero(hit)
+        mixed = False
+        if len(pairs):
+            dimension = int(model.pair_dim[pairs[0]])
+            mu1, mu2, torsion, rolling, _ = model.pair_friction[pairs[0]].tolist()
+            own = mu1
+        else:
+            priority = model.geom_priority[sides]
+            sides = [side for side, p in zip(sides, priority, strict=True) if p == priority.max()]
+            dimension = int(model.geom_condim[sides].max())
+            mu1, torsion, rolling = model.geom_friction[sides].max(axis=0).tolist()
+            mu2 = mu1
+            own = float(model.geom_friction[drum.geom, 0])
+            softness = np.hstack([model.geom_solimp[sides, :1], model.geom_solref[sides]])
+            mixed = bool((np.ptp(softness, axis=0) > _HARD * np.abs(softness).max(axis=0)).any())
+        slides = float(dimension > 1)
+        gap = np.nan
+        if ground is not None and model.geom_type[ground] != mujoco.mjtGeom.mjGEOM_HFIELD:
+            gap = mujoco.mj_geomDistance(model, self.data, drum.geom, ground, np.inf, None)
+        return NumbersByName(
+            gap=gap,
+            mu1=slides * mu1,
+            mu2=slides * mu2,
+            own=slides * own,
+            torsion=torsion if dimension > 3 else 0.0,
+            rolling=rolling if dimension > 4 else 0.0,
+            misses=float(misses),
+            mixed=float(mixed),
+        )
+
+
+def motor_moments(model: mujoco.MjModel, joints: Sequence[int]) -> FloatArray:
+    """Return the (nu, 4) rate of each actuator over the rate of each wheel [1]."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    moments = np.zeros((model.nu, model.nv))
+    if model.nu:
+        rows = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+        mujoco.mju_sparse2dense(moments, data.actuator_moment, *rows)
+    return moments[:, model.jnt_dofadr[joints]]
+
+
+def _least_way(is_limited: FloatArray, ranges: FloatArray) -> FloatArray:
+    """Return what (n, 2) ranges allow either way; infinite without a limit."""
+    least = np.minimum(-ranges[:, 0], ranges[:, 1])
+    return np.where(is_limited, np.maximum(least, 0.0), np.inf)
 
 
 _LEFT_NAMES = re.compile(r"left|(?<![a-z])(l|fl|bl|rl|lf|lb|lr)(?![a-z])", re.IGNORECASE)

@@ -20,8 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
+from ssmr.errors import DivergedError
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.localiser import Localiser
+from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import cli
@@ -37,13 +39,18 @@ from validation.plants.table import SECOND_OPINIONS
 from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit, heading_of
 from validation.report.table import Row, Table
-from validation.simulator.description import Robot, with_robot
+from validation.simulator.description import GRAVITY, Robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
-from validation.simulator.turning import SAMPLE, measure_spin, spin_on_spot
+from validation.simulator.turning import (
+    SAMPLE,
+    STRAIGHT_SPEED,
+    held_twist,
+    measure_spin,
+    spin_on_spot,
+)
 from validation.study.common import Study, StudyOptions
-from validation.study.contact_drives import TURNED, creep_speed, rolling_radius, surge_share
 from validation.sweep import sweep
 
 BASELINE = "as shipped"
@@ -52,6 +59,22 @@ MODELS = ("improved", "coulomb", "linear")
 """Published models of the lab's robot, which the robot is compared with on trajectories 1-4."""
 _RAMP = Terrain(math.radians(8.0))
 """Slope on which other engines stand; for MuJoCo the gravity is tilted instead."""
+_STRAIGHT_TIME = 8.0
+"""Duration of the straight drive [s]."""
+_STRAIGHT_LEAD = 3.0
+"""Time in the straight drive at which the measurement starts [s]."""
+_STRAIGHT_YAW = 0.4
+"""Heading of the straight drive, which is none of the ground's axes [rad]."""
+TURNED = 0.25 * math.pi
+"""Angle by which the ground is turned under trajectory 3, which should change nothing [rad]."""
+_SURGE_LEAD = 3.0
+"""Time in trajectory 3 from which on its speed is measured [s]."""
+_SLOPE = math.radians(8.0)
+"""Side slope on which the robot stands [rad]."""
+_SLOPE_TIME = 6.0
+"""Duration of standing on the slope [s]."""
+_SLOPE_LEAD = 2.0
+"""Time on the slope at which the measurement starts [s]."""
 CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
     "Turning on the spot": {
         "multiplier": "yaw rate that the wheels ask for over that of the body, turning on the spot",
@@ -226,6 +249,56 @@ def _drive_all(
 ) -> dict[str, Trajectory]:
     """Motions of a plant on all trajectories, by name."""
     return {name: drive_piece(plant, piece, localiser, SAMPLE) for name, piece in pieces.items()}
+
+
+def rolling_radius(plant: Plant, speed: float = STRAIGHT_SPEED) -> tuple[float, float]:
+    """Drive straight ahead at a commanded speed [m/s].
+
+    Returns:
+        Rolling radius of the tyres [m], and deviation to the left over the length [1].
+
+    Raises:
+        DivergedError: the simulator gave up.
+    """
+    motion = plant.run(held_twist(speed, 0.0, _STRAIGHT_TIME), State(yaw=_STRAIGHT_YAW), SAMPLE)
+    tail = motion.t >= _STRAIGHT_LEAD
+    along = np.array([math.cos(_STRAIGHT_YAW), math.sin(_STRAIGHT_YAW)])
+    way = motion.xy[-1] - motion.xy[tail][0]
+    seconds = float(motion.t[-1] - motion.t[tail][0])
+    ahead = float(along @ way)
+    aside = float(along[0] * way[1] - along[1] * way[0])
+    turned = float(motion.wheels[tail].mean()) * seconds
+    if not (ahead > 0.0 and turned > 0.0):
+        raise DivergedError("a drive straight ahead went nowhere")
+    return ahead / turned, aside / ahead
+
+
+def creep_speed(plant: MujocoPlant) -> float:
+    """Return the speed at which a robot at rest slides down a side slope [m/s].
+
+    Raises:
+        DivergedError: the simulator gave up.
+    """
+    gravity = plant.model.opt.gravity
+    level = np.array(gravity)
+    gravity[:] = 0.0, GRAVITY * math.sin(_SLOPE), -GRAVITY * math.cos(_SLOPE)
+    try:
+        motion = plant.run(held_twist(0.0, 0.0, _SLOPE_TIME), State(), SAMPLE)
+    finally:
+        gravity[:] = level
+    tail = motion.t >= _SLOPE_LEAD
+    way = motion.xy[-1] - motion.xy[tail][0]
+    return float(np.hypot(*way) / (motion.t[-1] - motion.t[tail][0]))
+
+
+def surge_share(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
+    """Return the greatest speed on trajectory 3, once under way, over that of the rims, less 1 [1].
+
+    The rims' speed is that of a straight drive.
+    """
+    rim = STRAIGHT_SPEED * wheel_radius / drive.command_radius
+    speeds = motion.twist[motion.t >= _SURGE_LEAD, 0]
+    return float(speeds.max()) / rim - 1.0
 
 
 @dataclass(frozen=True, eq=False)

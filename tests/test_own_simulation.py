@@ -156,6 +156,10 @@ def test_a_sound_model_has_no_finding_and_turns_as_by_hand(tmp_path: Path) -> No
     own = check.document()["own_physics"]
     assert own["multiplier"] == pytest.approx(1.0 + (0.4 / 0.5) ** 2, rel=0.01)
     assert sum(check.loads) == pytest.approx(40.0 * 9.81, rel=1e-3)
+    rows = {row["row"]: row for row in check.document()["balance"]}
+    moving = rows["mass to set off, wheels turning"]
+    assert moving["found"] - moving["expected"] == pytest.approx(4.0 * 0.05 / 0.15**2, rel=1e-6)
+    assert "armature" in moving["cause"]
     with pytest.raises(ValueError, match="nothing to write"):
         check_robot(path, write=tmp_path / "fixed.xml")
     assert not (tmp_path / "fixed.xml").exists()
@@ -284,7 +288,8 @@ def test_the_closed_form_holds_with_the_weight_off_the_middle(tmp_path: Path) ->
 
 def test_the_ground_may_begin_where_a_tyre_ends() -> None:
     """It is found, and none is added."""
-    text = model(shape="sphere", size="0.16").replace("0 0 0.152", "0 0 0.16")
+    text = model(shape="cylinder", size="0.16 0.05").replace("0 0 0.152", "0 0 0.16")
+    text = text.replace('type="cylinder"', 'type="cylinder" quat="0.7071 0.7071 0 0"')
     assert "0 0 0.16" in text
     assert not OwnRobot(text, {}).notes
 

@@ -185,12 +185,18 @@ def _stand(robot: OwnRobot) -> list[BalanceRow]:
     cause = f"also touching: {others}" if others else ""
     # of the file's own rotors
     dofs = wheeled.model.jnt_dofadr[wheeled.joints]
+    armature = wheeled.model.dof_armature[dofs]
     mass = robot.mass
-    moving = mass + float(wheeled.model.dof_M0[dofs].sum()) / robot.radius**2
+    turning = wheeled.model.dof_M0[dofs] - armature
+    moving = mass + float(turning.sum()) / robot.radius**2
+    rotors = float(armature.sum()) / robot.radius**2
+    eater = "armature of the wheels' joints" if rotors > 0.0 else ""
     away = standing.pose[-1, :2] - standing.pose[0, :2]
     rows = [
         BalanceRow("load of all wheels", float(loads.sum()), weight, "N", weight, cause=cause),
-        BalanceRow("mass to set off, wheels turning", moving, mass, "kg", mass, 1.0),
+        BalanceRow(
+            "mass to set off, wheels turning", moving + rotors, moving, "kg", mass, 1.0, eater
+        ),
         _rest_row(robot, "speed at rest", float(np.hypot(*away)) / _STAND_TIME, 0.0003),
     ]
     if shares.min() <= 0.0:

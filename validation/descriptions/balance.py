@@ -195,7 +195,13 @@ def _stand(robot: OwnRobot) -> list[BalanceRow]:
     rows = [
         BalanceRow("load of all wheels", float(loads.sum()), weight, "N", weight, cause=cause),
         BalanceRow(
-            "mass to set off, wheels turning", moving + rotors, moving, "kg", mass, 1.0, eater
+            "mass to set off, wheels turning",
+            moving + rotors,
+            moving,
+            "kg",
+            mass,
+            limit=1.0,
+            cause=eater,
         ),
         _rest_row(robot, "speed at rest", float(np.hypot(*away)) / _STAND_TIME, 0.0003),
     ]

@@ -19,6 +19,8 @@ from tests.test_objective import recorded
 from validation.calibrate import calibrate
 from validation.descriptions.loading import load_robot
 from validation.files.csv_logs import write_csv
+from validation.files.formats import log_path
+from validation.files.inspection import open_log
 from validation.fit import fit
 from validation.plants.profile import Profile, load_profile
 from validation.plants.searchable import make_space, with_values
@@ -170,3 +172,25 @@ def test_a_log_that_contradicts_itself_is_refused_unless_it_is_trusted(
     # poses that follow from the wheels judge no other signal
     assert trusted["faults"][0]["kind"] == "circular"
     assert math.isfinite(trusted["plants"]["kinematic"]["after"]["6"]["position_median_m"])
+
+
+def test_a_part_in_which_columns_disagree_is_left_out(tmp_path: Path) -> None:
+    """From 40 s on the encoders are swapped; before that the log is as good as the sound one."""
+    sound = np.genfromtxt(log_path("husky"), delimiter=",", names=True)
+    late = sound["t"] >= sound["t"][0] + 40.0
+    bad = sound.copy()
+    bad["enc_left"][late] = sound["enc_right"][late]
+    bad["enc_right"][late] = sound["enc_left"][late]
+    found = {}
+    for name, rows in (("bad", bad), ("sound", sound[~late])):
+        path = tmp_path / f"{name}.csv"
+        header = ",".join(rows.dtype.names)
+        np.savetxt(path, np.array(rows.tolist()), delimiter=",", header=header, comments="")
+        found[name] = calibrate(path, robot="husky", plants=("kinematic",))
+    fitted = {name: {p.name: p for p in each.fits[0].parameters} for name, each in found.items()}
+    for name, number in fitted["sound"].items():
+        error = number.standard_error
+        assert fitted["bad"][name].value == pytest.approx(number.value, abs=error), name
+    (note,) = [note for note in found["bad"].notes() if "are taken" in note]
+    assert 36.0 < float(note.partition(" s are")[0].split()[-1]) < 40.0
+    assert open_log(tmp_path / "bad.csv").good_for()["wheels"]

@@ -384,7 +384,9 @@ def _name_uses(found: Inspected) -> str:
     words = {name: f"{name} {'yes' if good[name] else 'no'}" for name in _USES}
     if good["commands"]:
         words["commands"] += _delay_of_commands(found)
-    return f"good enough to fit or to check by: {', '.join(words.values())}"
+    part = found.sound_part
+    only = f"; calibrate takes {part[0]:.1f} to {part[1]:.1f} s alone" if part is not None else ""
+    return f"good enough to fit or to check by: {', '.join(words.values())}{only}"
 
 
 def _delay_of_commands(found: Inspected) -> str:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -245,14 +245,45 @@ class Inspected:
         """Those of them with which no fit makes sense."""
         return [fault for fault in self.unsolved if fault.kind in _FATAL]
 
+    @cached_property
+    def sound_part(self) -> tuple[float, float] | None:
+        """Start and end of the longest part without a fatal fault [s].
+
+        None where the whole has none, a fault has no ends, or the rest tells too little. When a
+        fault begins and ends is known to the width of a window.
+        """
+        margin = self.signals.windows.width
+        first = float(min(group.t[0] for group in self.log.groups.values()))
+        last = float(max(group.t[-1] for group in self.log.groups.values()))
+        faulty = [
+            (
+                first if fault.from_s is None else fault.from_s - margin,
+                last if fault.to_s is None else fault.to_s + margin,
+            )
+            for fault in self.fatal
+        ]
+        edges = sorted({first, last, *chain.from_iterable(faulty)})
+        rest = [
+            (a, b) for a, b in pairwise(edges) if all(b <= low or high <= a for low, high in faulty)
+        ]
+        start, end = max(rest, key=lambda part: part[1] - part[0], default=(first, first))
+        if not faulty or end - start < margin:
+            return None
+        part = Inspected(self.log.cut(start, end), self.radius)
+        return None if part.fatal or part.lacks else (start, end)
+
     def good_for(self) -> dict[str, bool]:
-        """Return whether a fit by `wheels`, by `commands`, and a look at the `gyro` make sense."""
+        """Return whether a fit by `wheels`, by `commands`, and a look at the `gyro` make sense.
+
+        A fit makes sense where it does for a part.
+        """
         spoiled = {*chain(*(fault.columns for fault in self.fatal))}
         needs = {"gyro": ("gyro_z",), "commands": TWIST, "wheels": ENCODERS}
         good = {}
         for name, columns in needs.items():
             used = {*POSE_COLUMNS, *columns}
-            good[name] = self.log.has(used) and not spoiled & used and not self.lacks
+            is_sound = not spoiled & used or (name != "gyro" and self.sound_part is not None)
+            good[name] = self.log.has(used) and is_sound and not self.lacks
         return good
 
     @cached_property

@@ -254,8 +254,9 @@ def choose_inputs(
     """Return a log as a fit may see it, the inputs that can drive plants along it, and notes.
 
     Columns that contradict the others are left out where a fit does without them: a gyro, and
-    commands beside wheel rates. The log is then looked at anew. Where it is refused, `warn` is
-    called with all else that is wrong with it.
+    commands beside wheel rates. So is all but its longest part in which columns agree, where others
+    do not in a part alone. The log is then looked at anew. Where it is refused, `warn` is called
+    with all else that is wrong with it.
 
     Raises:
         ValueError: the columns contradict one another without them too and are not to be taken on
@@ -272,6 +273,10 @@ def choose_inputs(
         if not trust and any({*columns} & {*fault.columns} for fault in inspected.fatal):
             inspected = Inspected(inspected.log.without(columns), inspected.radius)
             notes.append(loss)
+    if not trust and inspected.sound_part is not None:
+        start, end = inspected.sound_part
+        inspected = Inspected(inspected.log.cut(start, end), inspected.radius)
+        notes.append(f"Only {start:.1f} to {end:.1f} s are taken, where the columns agree.")
     log = inspected.log
     lacks = inspected.lacks
     if (inspected.fatal or lacks) and not trust:

@@ -273,10 +273,9 @@ def choose_inputs(
         if not trust and any({*columns} & {*fault.columns} for fault in inspected.fatal):
             inspected = Inspected(inspected.log.without(columns), inspected.radius)
             notes.append(loss)
-    if not trust and inspected.sound_part is not None:
-        start, end = inspected.sound_part
-        inspected = Inspected(inspected.log.cut(start, end), inspected.radius)
-        notes.append(f"Only {start:.1f} to {end:.1f} s are taken, where the columns agree.")
+    if not trust:
+        inspected, taken = _sound_part(inspected)
+        notes += taken
     log = inspected.log
     lacks = inspected.lacks
     if (inspected.fatal or lacks) and not trust:
@@ -301,3 +300,12 @@ def choose_inputs(
     if often:
         notes.append("The wheels often turn without a command, so the driver was not fitted.")
     return inspected, inputs, notes
+
+
+def _sound_part(inspected: Inspected) -> tuple[Inspected, list[str]]:
+    """Return the part of a log that a fit may see, and a note where that is not the whole."""
+    if inspected.sound_part is None:
+        return inspected, []
+    start, end = inspected.sound_part
+    part = Inspected(inspected.log.cut(start, end), inspected.radius)
+    return part, [f"Only {start:.1f} to {end:.1f} s are taken, where the columns agree."]

@@ -8,7 +8,7 @@ from functools import cache
 from itertools import chain
 from os.path import realpath
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal, NoReturn, TypeVar
 
 import numpy as np
 
@@ -277,16 +277,8 @@ def choose_inputs(
         inspected, taken = _sound_part(inspected)
         notes += taken
     log = inspected.log
-    lacks = inspected.lacks
-    if (inspected.fatal or lacks) and not trust:
-        others = [*(fault.sentence for fault in inspected.faults.named), *lacks]
-        spoiled: dict[str, None] = {}
-        for fault in inspected.fatal:
-            spoiled |= dict.fromkeys(fault.columns)
-        first = f"look at {', '.join(spoiled)} first" if spoiled else others.pop(-len(lacks))
-        for sentence in others:
-            warn(f"{name}: {sentence}")
-        raise ValueError(f"{name}: {first}; --trust calibrates all the same")
+    if not trust and (inspected.fatal or inspected.lacks):
+        _refuse(inspected, warn)
     often = (inspected.faults.uncommanded_share or 0.0) > _UNCOMMANDED
     inputs = list[Input]()
     if by_wheels:
@@ -300,6 +292,20 @@ def choose_inputs(
     if often:
         notes.append("The wheels often turn without a command, so the driver was not fitted.")
     return inspected, inputs, notes
+
+
+def _refuse(inspected: Inspected, warn: Callable[[str], object]) -> NoReturn:
+    """Raise a ValueError on the first thing to look at; `warn` gets the others."""
+    name = inspected.log.name
+    lacks = inspected.lacks
+    others = [*(fault.sentence for fault in inspected.faults.named), *lacks]
+    spoiled: dict[str, None] = {}
+    for fault in inspected.fatal:
+        spoiled |= dict.fromkeys(fault.columns)
+    first = f"look at {', '.join(spoiled)} first" if spoiled else others.pop(-len(lacks))
+    for sentence in others:
+        warn(f"{name}: {sentence}")
+    raise ValueError(f"{name}: {first}; --trust calibrates all the same")
 
 
 def _sound_part(inspected: Inspected) -> tuple[Inspected, list[str]]:

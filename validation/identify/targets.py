@@ -278,7 +278,7 @@ def choose_inputs(
         notes += taken
     log = inspected.log
     if not trust and (inspected.fatal or inspected.lacks):
-        _refuse(inspected, warn)
+        _raise_refusal(inspected, warn)
     often = (inspected.faults.uncommanded_share or 0.0) > _UNCOMMANDED
     inputs = list[Input]()
     if by_wheels:
@@ -294,7 +294,7 @@ def choose_inputs(
     return inspected, inputs, notes
 
 
-def _refuse(inspected: Inspected, warn: Callable[[str], object]) -> NoReturn:
+def _raise_refusal(inspected: Inspected, warn: Callable[[str], object]) -> NoReturn:
     """Raise a ValueError on the first thing to look at; `warn` gets the others."""
     name = inspected.log.name
     lacks = inspected.lacks

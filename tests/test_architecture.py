@@ -479,7 +479,7 @@ PRICES = {
         "is weighed against what a turn needs; each is a plant by its path",
     ),
     "validation/files": Price(
-        56_150,
+        56_350,
         32,
         117,
         "any log, a frame of pandas too, is read as one form, of tables in any usual layout, with "

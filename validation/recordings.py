@@ -16,7 +16,7 @@ import math
 import shlex
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass, replace
+from dataclasses import KW_ONLY, asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -496,18 +496,12 @@ def _sampling_row(t: FloatArray) -> Mapping[str, Any]:
 
 
 def _offset_table(offsets: Sequence[Offset]) -> Table:
-    keys = {
-        "late": "signal",
-        "behind": "behind",
-        "seconds": "late_s",
-        "standard_error": "standard_error_s",
-    }
     rows = []
     for o in offsets:
         # what leads is what the other one is behind
-        if o.seconds < 0.0:
-            o = replace(o, late=o.behind, behind=o.late, seconds=-o.seconds)
-        rows.append({keys.get(name, name): value for name, value in asdict(o).items()})
+        late, behind = (o.late, o.behind) if o.seconds >= 0.0 else (o.behind, o.late)
+        row = {"signal": late, "behind": behind, "late_s": abs(o.seconds)}
+        rows.append({**row, "correlation": o.correlation, "standard_error_s": o.standard_error})
     units = {
         "late_s": Unit("s", 1.0, 4),
         "standard_error_s": Unit("s", 1.0, 4),

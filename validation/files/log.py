@@ -21,7 +21,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.types import FloatArray, frozen_array
+from ssmr.types import FloatArray, frozen_array, increasing_times
 from validation.files.columns import (
     BESIDE_MOTION,
     GROUPS,
@@ -120,8 +120,8 @@ class Group(_Value):
 
     def gaps(self) -> list[tuple[float, float]]:
         """Return the beginning and the end of each gap [s]."""
-        at = np.flatnonzero(np.diff(self.t) > self.longest_step())
-        return [(float(self.t[k]), float(self.t[k + 1])) for k in at]
+        after = np.flatnonzero(np.diff(self.t) > self.longest_step()) + 1
+        return list(zip(self.t[after - 1].tolist(), self.t[after].tolist(), strict=True))
 
     def in_gaps(self, t: FloatArray, margin: float = 0.0, least: float = 0.0) -> BoolArray:
         """Return (N,) whether instants `t` [s] lie in gaps.
@@ -257,7 +257,7 @@ class Log(_Value):
             raise FileError(path, NO_COLUMN)
         members: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
         try:
-            t = frozen_array(columns["t"], "t", (None,))
+            t = increasing_times(columns["t"])
             for name, given in columns.items():
                 column = column_of(name)
                 values = np.asarray(given, dtype=np.float64)
@@ -267,9 +267,6 @@ class Log(_Value):
                     members[column.group][name] = frozen_array(values, name, (len(t),))
         except ValueError as cause:
             raise FileError(path, str(cause)) from cause
-        back = np.flatnonzero(t[1:] <= t[:-1])
-        if len(back):
-            raise FileError(path, f"t must increase; it does not after sample {back[0]}")
         groups = {name: Group(path.name, t, part) for name, part in members.items() if part}
         return cls(path, groups, limits=limits)
 
@@ -331,10 +328,9 @@ class Log(_Value):
             ValueError: a column is missing.
         """
         columns = self.columns
-        missing = [n for n in names if n not in columns]
-        if missing:
+        if missing := ", ".join(n for n in names if n not in columns):
             raise ValueError(
-                f"log {self.name} has no column {', '.join(missing)}; it has {', '.join(columns)}"
+                f"log {self.name} has no column {missing}; it has {', '.join(columns)}"
             )
         table = np.stack([columns[n] for n in names], axis=1)
         return frozen_array(table, self.name, (len(self.t), len(names)))
@@ -349,8 +345,7 @@ class Log(_Value):
         longest = next(iter(self.groups.values())).longest_step()
         after_gaps = np.flatnonzero(np.diff(t) > longest) + 1
         edges = [0, *after_gaps.tolist(), len(t)]
-        pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]
-        if not pieces:
+        if not (pieces := [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]):
             raise ValueError(
                 f"log {self.name} is nothing but gaps between {t[0]:g} and {t[-1]:g} s"
             )

@@ -189,37 +189,35 @@ def taken_by_name(header: Sequence[str]) -> dict[str, tuple[str, str]]:
     found = {}
     for ours, columns in able.items():
         found[ours] = min(columns, key=lambda each: (trust_in(each[0]), len(split_words(each[0]))))
-    if "t" not in header:
-        found |= _clock_of_parts(parts)
-    if "yaw" not in (*header, *found):
-        found |= _quaternion(parts, found.get("x", ("", ""))[0])
+    joined = _joined_columns(parts, found.get("x", ("", ""))[0])
+    if "t" in header:
+        joined.pop("t", None)
+    if "yaw" in (*header, *found):
+        joined.pop("yaw", None)
+    found |= joined
     return _wheels(foreign, {*header, *found}) | found
 
 
-def _clock_of_parts(parts: Mapping[str, Mapping[str, str]]) -> dict[str, tuple[str, str]]:
-    """Return a time in whole seconds and nanoseconds, where there is one.
+def _joined_columns(parts: Mapping[str, Mapping[str, str]], x: str) -> dict[str, tuple[str, str]]:
+    """Return a time in whole seconds and nanoseconds, and a yaw of the four of a quaternion.
 
-    The columns are given by the beginning of their names, and the last word.
+    The columns are given by the beginning of their names, and the last word. Of several quaternions
+    the one of the topic of the column `x` is taken.
     """
-    for ends in parts.values():
+    found = dict[str, tuple[str, str]]()
+    whole = []
+    for stem, ends in parts.items():
         seconds = [name for last, name in ends.items() if re.fullmatch("secs?", last)]
         rest = [name for last, name in ends.items() if re.fullmatch("n(ano)?secs?", last)]
         if seconds and rest:
-            return {"t": (f"{seconds[0]}+{rest[0]}", "")}
-    return {}
-
-
-def _quaternion(parts: Mapping[str, Mapping[str, str]], x: str) -> dict[str, tuple[str, str]]:
-    """Return a yaw of the four columns of a quaternion, of the topic of the column `x`."""
-    whole = []
-    for stem, ends in parts.items():
+            found.setdefault("t", (f"{seconds[0]}+{rest[0]}", ""))
         if {*ends} >= {*"xyzw"} and _is_part_of_turn([*stem.split("_"), "w"]):
             whole.append(ends)
-    if not whole:
-        return {}
-    topic = x.split("/")[1] if x.startswith("/") else ""
-    four = max(whole, key=lambda four: topic in four["x"])
-    return {"yaw": ("+".join(four[axis] for axis in "xyzw"), "")}
+    if whole:
+        topic = x.split("/")[1] if x.startswith("/") else ""
+        four = max(whole, key=lambda four: topic in four["x"])
+        found["yaw"] = "+".join(four[axis] for axis in "xyzw"), ""
+    return found
 
 
 def _wheels(header: Sequence[str], there: set[str]) -> dict[str, tuple[str, str]]:

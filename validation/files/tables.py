@@ -158,7 +158,7 @@ def _read_plain_table(path: Path, file: BinaryIO, layout: _Layout, most: float) 
     """
     if path.stat().st_size < _QUICK or layout.separator == " " or layout.encoding != "utf-8-sig":
         return None
-    columns = _parse_quickly(file, layout)
+    columns = _parse_quickly(file, layout, ".") or _parse_quickly(file, layout, ",")
     if columns is None or not 0 < len(columns[0]) <= most:
         return None
     first = layout.skipped + 1
@@ -167,66 +167,51 @@ def _read_plain_table(path: Path, file: BinaryIO, layout: _Layout, most: float) 
     return CsvTable(path, header, layout.line, lines, columns, [None] * len(header))
 
 
-def _parse_quickly(file: BinaryIO, layout: _Layout) -> list[FloatArray] | None:
-    """Return the read-only columns of a table with points or else commas in its numbers.
+def _parse_quickly(file: BinaryIO, layout: _Layout, point: str) -> list[FloatArray] | None:
+    """Return the read-only columns of a table with this sign in its decimals.
 
-    None where pyarrow is missing, or finds what is neither a finite number nor an empty cell. The
-    file is read in blocks: pyarrow itself would hold the text of all of it.
+    None where pyarrow is missing, or finds what is neither a finite number nor an empty cell.
     """
     try:
         from pyarrow import csv as quick
-        from pyarrow import float64, py_buffer
+        from pyarrow import float64
     except ImportError:
         return None
     names = [str(k) for k in range(len(layout.header))]
-    reading = quick.ReadOptions(column_names=names, use_threads=False, block_size=2 * _BLOCK)
-    parsing = quick.ParseOptions(delimiter=layout.separator, ignore_empty_lines=False)
-    numbers = dict.fromkeys(names, float64())
-    for point in ".,":
-        converting = quick.ConvertOptions(
-            column_types=numbers, null_values=[""], decimal_point=point
-        )
-        pieces: list[list[FloatArray]] = [[] for _ in names]
-        try:
-            for block in _blocks_of_lines(file, layout.skipped):
-                part = quick.read_csv(py_buffer(block), reading, parsing, converting)
-                _add_numbers(pieces, part.columns)
-        except (OSError, ValueError):  # which is said by what reads with care
-            continue
-        columns = []
-        while pieces:
-            columns.append(np.concatenate(pieces.pop(0) or [np.empty(0)]))
-            columns[-1].setflags(write=False)
-        return columns
-    return None
-
-
-def _blocks_of_lines(file: BinaryIO, skipped: int) -> Iterator[bytes]:
-    """Yield the lines of a file but the first ones, some together; a ValueError where none end."""
+    pieces: list[list[FloatArray]] = [[] for _ in names]
     file.seek(0)
-    for _ in range(skipped):
-        file.readline()
-    rest = b""
-    while block := file.read(_BLOCK):
-        end = block.rfind(b"\n") + 1
-        if not end and len(block) == _BLOCK:
-            raise ValueError
-        if end:
-            yield rest + block[:end]
-            rest = b""
-        rest += block[end:]
-    if rest:
-        yield rest
+    try:
+        # block by block: all at once, it would hold the text of all of it
+        blocks = quick.open_csv(
+            file,
+            quick.ReadOptions(
+                use_threads=False,
+                block_size=_BLOCK,
+                skip_rows=layout.skipped,
+                column_names=names,
+            ),
+            quick.ParseOptions(delimiter=layout.separator, ignore_empty_lines=False),
+            quick.ConvertOptions(
+                column_types=dict.fromkeys(names, float64()), null_values=[""], decimal_point=point
+            ),
+        )
+        for block in blocks:
+            _add_numbers(pieces, block.columns)
+    except (OSError, ValueError):  # which is said by what reads with care
+        return None
+    columns = []
+    while pieces:
+        columns.append(np.concatenate(pieces.pop(0) or [np.empty(0)]))
+        columns[-1].setflags(write=False)
+    return columns
 
 
 def _add_numbers(pieces: Sequence[list[FloatArray]], columns: Sequence[Any]) -> None:
     """Add columns of pyarrow; a ValueError says that a line is blank or a number is not finite."""
-    blank = True
+    blank: Any = True
     for piece, column in zip(pieces, columns, strict=True):
         # through dlpack, as its own conversion imports pandas
-        values = np.concatenate(
-            [np.from_dlpack(part) for part in column.fill_null(math.nan).chunks]
-        )
+        values = np.array(np.from_dlpack(column.fill_null(math.nan)), dtype=np.float64)
         empty = ~np.isfinite(values)
         if np.count_nonzero(empty) != column.null_count:
             raise ValueError

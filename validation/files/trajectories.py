@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,6 @@ import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, quat_wxyz_to_yaw, yaw_to_quat_wxyz
 from validation.files.columns import POSE_COLUMNS
-from validation.files.limits import find_time_fault
 from validation.files.log import Log, ReadOptions
 from validation.files.reading import FileError, opened
 from validation.output import write_atomic
@@ -43,17 +43,13 @@ def read_trajectory(path: Path, options: ReadOptions, radius: float | None = Non
     remarks = list[str]()
     if width == 8:
         yaw = quat_wxyz_to_yaw(table[:, [7, 4, 5, 6]])
-        turned = np.isfinite(yaw)
-        again = np.append(False, np.diff(table[:, 0]) == 0.0)
-        left = {"whose quaternion is zero": ~turned, "with the stamp of the one before": again}
-        for what, lost in left.items():
-            if np.any(lost):
-                remarks.append(f"poses {what}, left out: {np.count_nonzero(lost)}")
-        kept = turned & ~again
+        kept = np.isfinite(yaw) & (np.diff(table[:, 0], prepend=math.nan) != 0.0)
+        if not np.all(kept):
+            what = "whose quaternion is zero, or with the stamp of the one before"
+            remarks.append(f"poses {what}, left out: {np.count_nonzero(~kept)}")
         if np.count_nonzero(kept) < 2:
             raise FileError(path, f"there are fewer than two poses: {'; '.join(remarks)}")
-        t, x, y = table[kept, :3].T
-        yaw = yaw[kept]
+        t, x, y, yaw = np.column_stack([table[:, :3], yaw])[kept].T
     else:
         t = np.asarray(_KITTI_DT * np.arange(rows), dtype=np.float64)
         x, y, z = table[:, [3, 7, 11]].T
@@ -64,9 +60,6 @@ def read_trajectory(path: Path, options: ReadOptions, radius: float | None = Non
             x = z
             yaw = np.arctan2(-table[:, 2], table[:, 10])
             remarks.append("they are taken for those of a camera: z ahead, x to the right")
-    late = find_time_fault(t, options.limits)
-    if late is not None:
-        raise FileError(path, late[1], column="t")
     log = Log.of_columns(path, {"t": t, "x": x, "y": y, "yaw": yaw}, options.limits)
     return replace(log, remarks=remarks)
 

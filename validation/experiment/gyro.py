@@ -16,7 +16,7 @@ import numpy as np
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.types import FloatArray
 from validation.experiment.sources import Piece, Source
-from validation.files.offsets import Offset, estimate_offsets
+from validation.files.offsets import estimate_offsets
 from validation.files.sensors import Signals
 
 _WINDOW_S = 6.0
@@ -98,12 +98,10 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
         return None
     sign = float(np.sign(correlation))
     late = {}
-    offsets: Sequence[Offset] = inspected.offsets
+    log = inspected.log
     if sign < 0.0:
-        log = inspected.log
-        turned_over = log.changed("imu", {"gyro_z": -log.columns["gyro_z"]})
-        offsets = estimate_offsets(Signals(turned_over))
-    for offset in offsets:
+        log = log.changed("imu", {"gyro_z": -log.columns["gyro_z"]})
+    for offset in inspected.offsets if sign > 0.0 else estimate_offsets(Signals(log)):
         if offset.late == "pose_yaw" or offset.correlation > _SAME_MOTION:
             late[offset.late] = offset.seconds
 

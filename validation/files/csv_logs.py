@@ -29,7 +29,7 @@ from validation.files.columns import (
 )
 from validation.files.limits import LogLimits, find_time_fault
 from validation.files.log import PLAIN, DataFrame, Group, Log, ReadOptions
-from validation.files.names import as_option, taken_by_name, without_unit
+from validation.files.names import Columns, as_option, taken_by_name, without_unit
 from validation.files.reading import FileError, quoted
 from validation.files.tables import CsvTable, read_csv_table, read_rows
 from validation.files.topics import rates_of_positions
@@ -221,7 +221,7 @@ def _rename_columns(
     return ours, remarks
 
 
-def _wanted(table: CsvTable, options: ReadOptions) -> tuple[dict[str, tuple[str, str]], list[str]]:
+def _wanted(table: CsvTable, options: ReadOptions) -> tuple[Columns, list[str]]:
     """Return the columns that are taken for ours, by the options or by their names; and why."""
     header = table.header
     named = {

@@ -21,7 +21,7 @@ from validation.files.columns import (
     trust_in,
 )
 
-Columns = Mapping[str, tuple[str, str]]
+Columns = dict[str, tuple[str, str]]
 """By our name, the name of a column there, or names between plus signs, and the unit."""
 _KINDS = {
     "time": "t ts time timestamp stamp sec secs seconds date datetime epoch",
@@ -171,7 +171,7 @@ def _with_unit(name: str) -> Iterator[tuple[list[str], str]]:
 
 
 # ------------------------------------------------------------------------------------------ headers
-def taken_by_name(header: Sequence[str]) -> dict[str, tuple[str, str]]:
+def taken_by_name(header: Sequence[str]) -> Columns:
     """Return the columns of a table that their names explain; those with our names are not listed.
 
     Of several the one from the most independent source is taken, then the shortest name.
@@ -198,13 +198,13 @@ def taken_by_name(header: Sequence[str]) -> dict[str, tuple[str, str]]:
     return _wheels(foreign, {*header, *found}) | found
 
 
-def _joined_columns(parts: Mapping[str, Mapping[str, str]], x: str) -> dict[str, tuple[str, str]]:
+def _joined_columns(parts: Mapping[str, Mapping[str, str]], x: str) -> Columns:
     """Return a time in whole seconds and nanoseconds, and a yaw of the four of a quaternion.
 
     The columns are given by the beginning of their names, and the last word. Of several quaternions
     the one of the topic of the column `x` is taken.
     """
-    found = dict[str, tuple[str, str]]()
+    found = Columns()
     whole = []
     for stem, ends in parts.items():
         seconds = [name for last, name in ends.items() if re.fullmatch("secs?", last)]
@@ -220,7 +220,7 @@ def _joined_columns(parts: Mapping[str, Mapping[str, str]], x: str) -> dict[str,
     return found
 
 
-def _wheels(header: Sequence[str], there: set[str]) -> dict[str, tuple[str, str]]:
+def _wheels(header: Sequence[str], there: set[str]) -> Columns:
     """Return rates and torques of wheels by the sides that their names say; of both, or none.
 
     Where no rates are, positions are taken if their unit shows.
@@ -242,7 +242,7 @@ def _wheels(header: Sequence[str], there: set[str]) -> dict[str, tuple[str, str]
         elif not base and _NO_RATE.search(joined):
             kind = "other"
         members.setdefault(kind + side_of(joined), []).append(name)
-    found = dict[str, tuple[str, str]]()
+    found = Columns()
     for names, kinds in ((_WHEELS, ("positions", "rates")), (MOTOR_COLUMNS[TORQUES], ("torques",))):
         for kind in kinds:
             sides = [members.get(kind + side, []) for side in WHEEL_SIDES]
@@ -252,7 +252,7 @@ def _wheels(header: Sequence[str], there: set[str]) -> dict[str, tuple[str, str]
     return found
 
 
-def as_option(columns: Columns) -> str:
+def as_option(columns: Mapping[str, tuple[str, str]]) -> str:
     """Return columns as `--columns` takes them."""
     parts = []
     for ours, (theirs, unit) in columns.items():

@@ -140,6 +140,7 @@ def _topic(key: tuple[str, str, Sequence[str]], numbers: bytes, timed: Timed, ep
     if quaternion:
         # one of zeros, a field that nobody filled, has no yaw
         values["yaw"] = quat_wxyz_to_yaw(np.column_stack(quaternion))
+        values = {name: values[name] for name in (*POSE_COLUMNS, *values)}
     return Topic(name, kind, t, values, timed.remark, fault=timed.fault)
 
 

@@ -454,13 +454,14 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        35_900,
+        36_130,
         16,
         99,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; all of a log is "
         "fitted, its thirds in motion judge, and better is more than chance; "
         "a watch on tyres; "
+        "searches that drive a body once however it is seen, and guess derivatives on the way; "
         "the better judge of turns; "
         "friction: torques from a simulation or a log's currents; a robot's driver and inertia",
     ),

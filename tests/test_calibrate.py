@@ -24,7 +24,7 @@ from validation.files.inspection import open_log
 from validation.fit import fit
 from validation.plants.profile import Profile, load_profile
 from validation.plants.searchable import make_space, with_values
-from validation.refitting import within_bounds
+from validation.refitting import settings_to_go_on
 
 TRUTH = {"alpha_l": 0.95, "alpha_r": 0.91, "y_l": 0.45, "y_r": -0.52, "drift": 0.12}
 
@@ -64,10 +64,15 @@ def test_a_driver_of_one_plant_begins_within_the_bounds_of_another(log: Path) ->
         bounds={"acceleration_v": (50.0, 60.0)},
         search="lsq",
     )
-    begun = within_bounds(driver, "mujoco", {})
+    begun = settings_to_go_on(driver, "mujoco", {})["guess"]
     most = make_space("mujoco", ["acceleration_v"], {}, driver.base.robot).upper[0]
     assert begun["acceleration_v"] == most < 50.0
     assert begun["delay"] == pytest.approx(driver.parameters[1].value)
+    # bounds of a number that is held stand for nothing, and keep no fit from going on
+    bounds = {"delay": (0.0, 0.5), "command_half_track": (0.1, 0.9)}
+    rest = settings_to_go_on(driver, "mujoco", bounds, without="acceleration_v")
+    assert rest["free"] == ("delay",)
+    assert rest["bounds"] == {"delay": (0.0, 0.5)}
 
 
 def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> None:

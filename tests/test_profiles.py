@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ssmr.types import Commands, State
 from validation.compare import compare
 from validation.descriptions.loading import load_robot
+from validation.experiment.sources import Piece
 from validation.plants.kind import OneByOne
 from validation.plants.profile import (
     PLANTS,
@@ -24,6 +26,7 @@ from validation.plants.profile import (
     make_plant,
     shipped_profiles,
 )
+from validation.simulator.physics import SHIPPED
 
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
 
@@ -164,5 +167,6 @@ def test_numbers_that_do_not_go_together_are_the_profiles_and_a_fault_of_code_is
     with pytest.raises(ValueError, match="signal only works") as caught:
         make_plant(profile, "kinematic")
     assert type(caught.value) is ValueError
+    piece = Piece(Commands(0.05, np.zeros((1, 2))), State(), None, None)
     with pytest.raises(ValueError, match="signal only works"):
-        OneByOne(fail, [mujoco])
+        OneByOne(fail, [mujoco], SHIPPED).motions([0], piece, 0.05)

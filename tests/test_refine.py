@@ -74,6 +74,9 @@ def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
     )
     assert away.cost < 1e-4
     assert away.course.stopped_by == "least squares"
+    # others than the user's candidate are not even rated
+    assert away.course.by_stage["jde"] == 1
+    assert np.isfinite(away.course.jde.costs).sum() == 1
 
 
 def test_least_squares_leave_the_start_on_a_log_in_which_the_robot_mostly_stands(
@@ -145,6 +148,7 @@ class Plateau:
     robust = False
     pulls = 0
     cheap = False
+    dear = False
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
         """Return errors of (S, 2) points."""
@@ -166,6 +170,7 @@ class Corner:
     robust = False
     pulls = 0
     cheap = False
+    dear = False
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
         """Return errors of (S, 2) points."""
@@ -188,6 +193,7 @@ class Line:
         self.robust = robust
         self.pulls = 0
         self.cheap = False
+        self.dear = False
         rng = np.random.default_rng(1)
         self.x = np.linspace(-1.0, 1.0, 60)
         self.y = 0.3 + 0.4 * self.x + rng.normal(0.0, 0.01, 60)
@@ -232,6 +238,38 @@ def test_errors_that_are_a_little_wrong_are_corrected_where_a_descent_begins() -
     memory.correct(end)
     looked_up = memory.look_up(end[None], lambda points: wrong.residuals(points, 1))
     assert looked_up == pytest.approx(true.residuals(end[None], 1), abs=ROUNDOFF)
+
+
+class Bend:
+    """Errors of a curve whose two numbers it bends with, each of which is dear."""
+
+    robust = False
+    pulls = 0
+    cheap = False
+
+    def __init__(self, dear: bool) -> None:
+        self.dear = dear
+        self.asked = 0
+        self.x = np.linspace(0.0, 2.0, 40)
+
+    def residuals(self, points: FloatArray, workers: int) -> FloatArray:
+        """Return errors of (S, 3) points."""
+        self.asked += len(points)
+        a, b, c = points.T[:, :, None]
+        return (
+            a * np.exp(b * self.x) + c * self.x**2 - (0.3 * np.exp(0.7 * self.x) + 0.2 * self.x**2)
+        )
+
+
+def test_derivatives_of_dear_motions_are_guessed_on_the_way_to_the_same_end() -> None:
+    """A second descent begins with differences, so guesses do not decide where it ends."""
+    asked = {}
+    for dear in (False, True):
+        bend = Bend(dear)
+        end, _ = descend_from(bend, np.array([0.8, 0.1, 0.9]), Remembered(), 1, lambda: None)
+        assert end == pytest.approx([0.3, 0.7, 0.2], abs=1e-3)
+        asked[dear] = bend.asked
+    assert asked[True] < 0.8 * asked[False]
 
 
 def test_offsets_of_a_path_are_perpendicular_to_it() -> None:

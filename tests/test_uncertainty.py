@@ -43,6 +43,7 @@ class Wave:
     def __init__(self, noise: FloatArray, robust: bool) -> None:
         self.robust = robust
         self.cheap = False
+        self.dear = False
         self.pulls = 0
         self.spread = np.full(2, np.inf)
         self.days: list[Day] = []

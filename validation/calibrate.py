@@ -29,7 +29,7 @@ from validation.experiment.sources import Source, source_of, unknown_robot_notes
 from validation.files.formats import AnyLog, log_name, profile_of_log
 from validation.files.inspection import Inspected, open_log
 from validation.files.log import LogFault, ReadOptions
-from validation.fit import Fit, Fitted, run_fit
+from validation.fit import Fit, Fitted, run_fit, with_band
 from validation.identify import verdict
 from validation.identify.beginning import FIRST_FITTED
 from validation.identify.judging import band_of_one_day, held_out_scores
@@ -426,6 +426,8 @@ def _fit_all(
                 **settings,
             )
             done.append(fit_widely(options))
+            if k == _judge_of(folds[kind]) and o.held_out is None:
+                done[k] = with_band(done[k])
             if done[-1].status != FINISHED and k + 1 < len(profiles):
                 if not fits:
                     raise KeyboardInterrupt
@@ -468,17 +470,15 @@ def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fo
     at_bound = [p.name for p in f.parameters if p.at_bound and p.name in ESSENTIAL]
     if at_bound:
         objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")
-    bands = dict(f.plant.bands)
+    band = None
     # a log that is held out judges, and nothing that is written comes from it
     if o.held_out is None:
         band = band_of(driven, True) if len(o.names) > 1 else band_of_one_day(judges)
-        bands |= {} if band is None else {f.options["input"]: band}
     return replace(
-        f,
+        with_band(f, band),
         held_out=after,
         unfitted=before,
         judged=judged,
-        plant=replace(f.plant, bands=bands),
         objections=[f"{'; '.join(objections)}."] * bool(objections),
         remarks=[*f.remarks, *notes],
     )

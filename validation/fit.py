@@ -7,12 +7,13 @@ if __name__ == "__main__":
 
     end_quietly()
 
+import contextlib
 import datetime
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import chain, product
+from itertools import chain, compress, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
@@ -396,7 +397,20 @@ def fit(o: Fit) -> Fitted:
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
-    return run_fit(o, cli.warn_user)
+    return with_band(run_fit(o, cli.warn_user))
+
+
+def with_band(f: Fitted, band: Band | None = None) -> Fitted:
+    """Return a fit whose plant has a band of its predictions.
+
+    If none is given, it is that of a log when parts of the data are left out.
+    """
+    if band is None and f.sure is not None and f.problem.robust:
+        with contextlib.suppress(SsmrError):
+            band = left_out_band(f.problem, f.sure, f.course.best)
+    if band is None:
+        return f
+    return replace(f, plant=replace(f.plant, bands={**f.plant.bands, f.asked.input: band}))
 
 
 def _occasion_of(o: Fit) -> Occasion:
@@ -427,6 +441,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)
     before = np.array([find_number(o.model, name, begun.robot).read(begun) for name in space.names])
     start = None
+    notes = []
     if o.guess is not None or o.search == "lsq" or occasion != "scenario":
         start = beginning.first_points(o.guess, space, before)
     for warning in dict.fromkeys(chain(*(source.warnings for source in chain(*opened)))):
@@ -449,22 +464,30 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     problem = FitProblem(o.model, begun, space, sources, cost, held)
     require_possible(problem, o.bounds)
     # numbers that the user chooses begin where the profile has them
-    begins = kind.torques and occasion != "scenario" and o.guess is None and o.free is None
-    if begins:
+    if kind.torques and occasion != "scenario" and o.guess is None and o.free is None:
         first = plant_kind(beginning.FIRST_FITTED).free[occasion]
         names = beginning.searched_names((), first, o.fix, sources)
         start = beginning.begin_at(problem, base.section(beginning.FIRST_FITTED), names, o)
+        if untold := beginning.friction_left_untold(problem, start, o):
+            told = ~np.isin(space.names, untold)
+            space = ParameterSpace(tuple(compress(space.parameters, told)))
+            problem = FitProblem(o.model, begun, space, sources, cost, held)
+            for name, value in zip(untold, before[~told], strict=True):
+                notes.append(
+                    f"{name} is held at {value:.3g}: neither torques nor the speed of this motion "
+                    "tell it."
+                )
+            start = start[:, told]
+            before = before[told]
     method = o.search or usual_search(o, problem)
     settings = o.settings(SETTINGS[method, o.model in SIMULATED])
     search = search_for(problem, settings, o, start, method)
-    if begins and (friction := beginning.friction_left_untold(problem, search, o)):
-        return _fit_with_held_friction(o, friction, space, search, opened, warn)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
     report = _report_fit(o, problem, base, search, before, held_out)
     for sentence in report.worse:
         warn(sentence)
-    return report
+    return replace(report, remarks=[*notes, *report.remarks])
 
 
 def _mentioned(o: Fit) -> list[str]:
@@ -479,40 +502,6 @@ def _held_turning(o: Fit) -> list[str]:
     return [n for n in beginning.untold_by_amplitude(o.model, o.names) if n not in _mentioned(o)]
 
 
-def _fit_with_held_friction(
-    o: Fit,
-    friction: Mapping[str, float],
-    space: ParameterSpace,
-    search: Search,
-    opened: tuple[list[Source], list[Source]],
-    warn: Callable[[str], object],
-) -> Fitted:
-    """Return the report of a fit that goes on from a search's end with a friction that is held."""
-    guess = dict(zip(space.names, space.values(search.best).tolist(), strict=True))
-    again = replace(
-        o,
-        to=opened[0],
-        held_out=tuple(opened[1]),
-        since=None,
-        until=None,
-        fix={**cli.read_value(o.fix), **friction},
-        guess={name: value for name, value in guess.items() if name not in friction},
-        search="lsq",
-        out=None,
-        resume=False,
-    )
-    report = run_fit(again, lambda warning: None)
-    reason = "neither torques nor the speed of this motion tell it."
-    notes = [f"{name} is held at {value:.3g}: {reason}" for name, value in friction.items()]
-    was = {name: getattr(o, name) for name in ("guess", "since", "until")}
-    was["search"] = search.method
-    options = {**report.options, **was}
-    report = replace(report, asked=o, options=options, remarks=[*notes, *report.remarks])
-    for sentence in report.worse:
-        warn(sentence)
-    return report
-
-
 def _report_fit(
     o: Fit,
     problem: FitProblem,
@@ -524,7 +513,6 @@ def _report_fit(
     """Return the report: the numbers with their uncertainty, and scores on all sources."""
     point = search.best
     sure = None
-    bands: dict[str, Band] = {}
     notes = _source_notes(o, problem, base, held_out)
     notes += bound_sentences(problem.space, point)
     if _occasion_of(o) == "scenario":
@@ -537,8 +525,6 @@ def _report_fit(
             # the mean localiser of several logs is that of those which tell it best
             sound = np.isfinite(sure.share) & (sure.share > 0.0)
             problem.weights = np.where(sound, sure.share, IGNORANCE) ** -2.0
-            if problem.robust and (band := left_out_band(problem, sure, point)):
-                bands[o.input] = band
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
     fitted = problem.candidate(point)
@@ -548,7 +534,7 @@ def _report_fit(
     spread = {**known, **fitted.spread}
     if len(problem.days) >= FEWEST_DAYS:
         spread = {**fitted.spread, **known}
-    fitted = replace(fitted, bands={**fitted.bands, **bands}, spread=spread)
+    fitted = replace(fitted, spread=spread)
     unfitted, judged, all_judged, _, undriven = held_out_scores([(problem, point, held_out)])
     notes += undriven
     options = o.chosen(search.jde.settings)

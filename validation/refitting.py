@@ -54,28 +54,30 @@ def settings_of(
         return settings
     # its run is dear, and fits before know where to begin
     settings["search"] = "lsq"
+    bounds = settings.get("bounds", {})
     if done:
-        return settings | _options_to_go_on(
-            done[-1], settings.get("free", plant_kind(plant).free[kind])
-        )
-    if "free" in settings:
-        driver = known[FIRST_FITTED, kind][k]
-        settings["guess"] = within_bounds(driver, plant, settings["bounds"])
+        # what it held, because its data did not tell it, is held again
+        held = {**settings.get("fix", {}), **_of_logs(done[-1])}
+        settings |= settings_to_go_on(done[-1], plant, bounds) | {"fix": held}
+    elif bounds:
+        settings |= settings_to_go_on(known[FIRST_FITTED, kind][k], plant, bounds)
     return settings
 
 
-def _options_to_go_on(f: Fitted, names: Sequence[str]) -> dict[str, Any]:
-    """Return where a fit of some numbers to other data begins that goes on from another one.
+def settings_to_go_on(
+    f: Fitted, plant: str, bounds: Mapping[str, tuple[float, float]], without: str = ""
+) -> dict[str, Any]:
+    """Return settings of a fit that begins with what another has found, as far as `bounds` allow.
 
-    What that one held, because its data did not tell it, is held again.
+    It frees the same numbers but one that it does `without`; those of single logs have their mean.
     """
-    found = {p.name.partition("@")[0] for p in f.parameters}
-    settings: dict[str, dict[str, float]] = {"guess": {}, "fix": {}}
-    for name in names:
-        number = find_number(f.model, name, f.base.robot)
-        settings["guess" if name in found else "fix"][name] = number.read(f.plant)
-    settings["fix"] |= _of_logs(f)
-    return settings
+    numbers = (p.name.partition("@")[0] for p in f.parameters)
+    names = [name for name in dict.fromkeys(numbers) if name != without]
+    kept = {name: ends for name, ends in bounds.items() if name.partition("@")[0] in names}
+    space = make_space(plant, names, kept, f.base.robot)
+    found = [find_number(f.model, name, f.base.robot).read(f.plant) for name in names]
+    guess = zip(names, np.clip(found, space.lower, space.upper).tolist(), strict=True)
+    return {"free": tuple(names), "guess": dict(guess), "bounds": kept}
 
 
 def fit_widely(options: Fit) -> Fitted:
@@ -88,11 +90,8 @@ def fit_widely(options: Fit) -> Fitted:
     done = run_fit(options, lambda warning: None)
     remarks = []
     while options.input == "commands" and (name := _least_told(done)):
-        names = dict.fromkeys(p.name.partition("@")[0] for p in done.parameters)
-        guess = options.guess
-        if isinstance(guess, Mapping):
-            guess = {key: value for key, value in guess.items() if key != name}
-        options = replace(options, free=[key for key in names if key != name], guess=guess)
+        bounds = cli.read_value(options.bounds)
+        options = replace(options, **settings_to_go_on(done, done.model, bounds, name))
         done = run_fit(options, lambda warning: None)
         number = find_number(done.model, name, done.base.robot)
         value = number.text(number.read(done.plant))
@@ -135,15 +134,6 @@ def _widen_bounds(f: Fitted) -> dict[str, tuple[float, float]]:
             high = min(high, 0.5 * p.upper)
         bounds[p.name] = low, high
     return bounds
-
-
-def within_bounds(
-    f: Fitted, plant: str, bounds: Mapping[str, tuple[float, float]]
-) -> dict[str, float]:
-    """Return the numbers of a fit as far as another plant may have them."""
-    space = make_space(plant, [p.name for p in f.parameters], bounds, f.base.robot)
-    values = np.clip([p.value for p in f.parameters], space.lower, space.upper)
-    return dict(zip(space.names, values.tolist(), strict=True))
 
 
 def _of_logs(f: Fitted) -> dict[str, float]:

@@ -36,6 +36,7 @@ class _Past:
 
     robust = True
     cheap = False
+    dear = False
 
     def __init__(self, problem: FitProblem, driven: Remembered, known: FloatArray) -> None:
         """Keep the problem, what of it was driven, and (K,) which of its errors are known."""

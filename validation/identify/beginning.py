@@ -28,7 +28,7 @@ from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.experiment.sources import RECORDING, Source
 from validation.identify.problem import FitProblem
-from validation.identify.search import SETTINGS, Search, Searching, search_for
+from validation.identify.search import SETTINGS, Searching, search_for
 from validation.identify.uncertainty import estimate_uncertainty
 from validation.output import ignore_progress
 from validation.plants.kind import PlantProfile
@@ -169,20 +169,17 @@ def amplitude_sentences(problem: FitProblem, held: Sequence[str]) -> list[str]:
     return out
 
 
-def friction_left_untold(problem: FitProblem, search: Search, o: Searching) -> dict[str, float]:
-    """Return a body's friction of before where a search of all its numbers found it in no log.
+def friction_left_untold(problem: FitProblem, start: FloatArray, o: Searching) -> list[str]:
+    """Return a body's frictions that the logs hardly tell, by the derivatives at (1, n) `start`.
 
-    Its standard error is then about as large as what is known without the logs.
+    The standard error to expect is then about as large as what is known without the logs.
     """
-    held: dict[str, float] = {}
-    if search.interrupted or not search.starts:
-        return held
+    untold: list[str] = []
     with contextlib.suppress(SsmrError, np.linalg.LinAlgError):
-        sure = estimate_uncertainty(search.coarser or problem, search.best, o.raters, search.driven)
-        before = problem.space.values(problem.begun).tolist()
+        sure = estimate_uncertainty(problem.coarser() or problem, start[0], o.raters, foreseen=True)
         for k, name in enumerate(problem.space.names):
             number = name.partition("@")[0]
             bounded = name in o.bounds or number in o.bounds
             if sure.untold[k] and number == "friction" and not bounded:
-                held[name] = before[k]
-    return held
+                untold.append(name)
+    return untold

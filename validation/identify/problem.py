@@ -45,6 +45,7 @@ from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import find_number, own_indices, with_values
 from validation.plants.table import STANDARD, plant_kind
 from validation.simulator.description import Robot
+from validation.simulator.physics import SEARCHING, SHIPPED
 from validation.workers import rate_there
 
 _CHUNK = 256
@@ -79,6 +80,9 @@ class Day(NamedTuple):
 
 class FitProblem:
     """Problem of a fit: candidates of one plant are rated by their distance from true motions."""
+
+    _settings = SHIPPED
+    """How the physics of simulated bodies is computed."""
 
     def __init__(
         self,
@@ -198,6 +202,7 @@ class FitProblem:
             return None
         problem = copy.copy(self)
         problem.base = longer
+        problem._settings = SEARCHING
         return problem
 
     def with_other_tyres(self) -> FitProblem | None:
@@ -242,6 +247,11 @@ class FitProblem:
     def cheap(self) -> bool:
         """Whether many motions cost little: those of planar models along scenarios."""
         return self._together and self.cost.objective != "horizon"
+
+    @property
+    def dear(self) -> bool:
+        """Whether candidates are driven one by one: those of bodies on wheels."""
+        return not self._together
 
     @property
     def blocks(self) -> FloatArray:
@@ -345,7 +355,9 @@ class FitProblem:
 
         def share(first: int) -> FloatArray:
             which = slice(first, min(first + size, len(points)))
-            population = plant_kind(self.model).population(candidates[which], workers)
+            population = plant_kind(self.model).population(
+                candidates[which], workers, self._settings
+            )
             return rate(population, which, workers if size > 1 else 1)
 
         # a compiled loop has threads of its own; a simulator's plants are driven side by side

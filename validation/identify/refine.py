@@ -5,8 +5,10 @@ Least squares begin at the best candidate of the first stage, and at others far 
 A cost is one number; the errors that it is made of are thousands, and how each changes with each
 parameter says where the optimum lies. `scipy.optimize.least_squares` (trust region, within the unit
 cube) goes there in some tens of motions. The derivatives of a step are finite differences of one
-population. What was driven is remembered, so a search that was interrupted goes on by driving only
-what is new, and comes to the same end.
+population. Where a motion is dear, they are differences where a descent begins, and a rank-one
+update learns from each long step how errors changed (C. G. Broyden 1965); another descent follows
+with new differences. What was driven is remembered, so a search that was interrupted goes on by
+driving only what is new, and comes to the same end.
 
 What a cost has beyond its errors' squares, the greatest distance between two paths say, least
 squares do not see. There the simplex of J. Nelder and R. Mead (1965) goes on by the cost alone.
@@ -50,7 +52,8 @@ HOPELESS = 2.0
 """Ratio of its errors to those at the best end before, beyond which it is given up [1]."""
 _MOST_SCALES = 5
 """Greatest number of times that robust least squares begin with a new scale, the errors' median
-size: far from the optimum all errors are large, and the scale with them."""
+size: far from the optimum all errors are large, and the scale with them. Errors that count by their
+square have one scale; where derivatives are guessed on the way, a second descent has new ones."""
 _SIMPLEX = 0.05
 """Length of a simplex that begins, in the unit cube."""
 _SIMPLEX_END = 1e-3
@@ -74,6 +77,10 @@ class Residuals(Protocol):
         """Whether many motions cost little, so that the optimum may be found finely."""
 
     @property
+    def dear(self) -> bool:
+        """Whether a motion costs so much that derivatives are guessed from those of before."""
+
+    @property
     def pulls(self) -> int:
         """Number of the last errors, those of a prior in the unit of the others' median size."""
 
@@ -84,15 +91,18 @@ class Residuals(Protocol):
 class Remembered(dict[bytes, FloatArray]):
     """Errors that least squares have driven: (K,) by the bytes of their (n,) point."""
 
+    around: FloatArray = np.array(math.inf)
+    """(n,) point at which differences were taken last; infinite where none were."""
+
     def correct(self, point: FloatArray) -> None:
         """Learn how wrong errors are around an (n,) point where a descent begins: not at all."""
 
     def look_up(self, points: FloatArray, drive: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Return (S, K) errors of (S, n) points; `drive` is called with the new ones alone."""
-        new = [i for i, point in enumerate(points) if point.tobytes() not in self]
+        new = {point.tobytes(): point for point in points if point.tobytes() not in self}
         if new:
-            for point, errors in zip(points[new], drive(points[new]), strict=True):
-                self[point.tobytes()] = np.array(errors)
+            driven = drive(np.array(list(new.values())))
+            self.update(zip(new, map(np.array, driven), strict=True))
         return np.array([self[point.tobytes()] for point in points])
 
 
@@ -211,23 +221,46 @@ def error_slopes(
     steps = np.where(point + STEP <= 1.0, STEP, -STEP)
     # the step goes inwards near an upper bound, and the other side may lie outside the cube
     has_other_side = (point - steps >= 0.0) & (point - steps <= 1.0)
-    back = np.zeros(n)
-    ends = [point[None], point + np.diag(steps)]
-    if central:
-        back = np.where(has_other_side, -steps, 0.0)
-        ends.append(point + np.diag(back))
-    errors = errors_at(np.vstack(ends))
-    dead = ~np.isfinite(errors[1 : n + 1]).all(axis=1) & has_other_side
+    back = np.where(has_other_side & central, -steps, 0.0)
+    errors = errors_at(np.vstack([point[None], point + np.diag(steps), point + np.diag(back)]))
+    ahead = errors[1 : n + 1]
+    behind = errors[n + 1 :]
+    dead = ~np.isfinite(ahead).all(axis=1) & has_other_side
     # an impossible neighbour, such as dynamic friction above static: the other side tells the slope
     if dead.any():
-        errors[1 + np.flatnonzero(dead)] = errors_at((point - np.diag(steps))[dead])
+        ahead[dead] = errors_at((point - np.diag(steps))[dead])
+        behind[dead] = errors[0]
         steps = np.where(dead, -steps, steps)
         back = np.where(dead, 0.0, back)
-        if central:
-            errors[1 + n + np.flatnonzero(dead)] = errors[0]
-    ahead = errors[1 : n + 1]
-    behind = errors[n + 1 :] if central else errors[:1]
     return errors[0], ((ahead - behind) / (steps - back)[:, None]).T
+
+
+_Slopes = tuple[FloatArray, FloatArray, FloatArray]
+"""An (n,) point of the unit cube, (K,) errors there and their (K, n) derivatives."""
+
+
+def _slopes_at(
+    point: FloatArray,
+    known: _Slopes | None,
+    errors_at: Callable[[FloatArray], FloatArray],
+    driven: Remembered,
+) -> _Slopes:
+    """Return what is known of the errors at an (n,) point: differences, if nothing was before.
+
+    A way shorter than the steps of these would tell the rounding of delays, and nothing is learnt.
+    """
+    if known is None:
+        driven.around = point
+        at, slopes = error_slopes(errors_at, point)
+        # an impossible neighbour says nothing
+        return point, at, np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)
+    before, errors_before, slopes = known
+    step = point - before
+    if np.abs(step).max() < STEP:
+        return known
+    errors = errors_at(point[None])[0]
+    off = errors - errors_before - slopes @ step
+    return point, errors, slopes + np.outer(off, step / (step @ step))
 
 
 def descend_from(
@@ -246,6 +279,7 @@ def descend_from(
     """
     n = len(start)
     robust = problem.robust
+    known: _Slopes | None = None
 
     def errors_at(points: FloatArray) -> FloatArray:
         before = len(driven)
@@ -258,9 +292,9 @@ def descend_from(
         return _in_one_unit(errors_at(point[None])[0], problem, unit)
 
     def jacobian(point: FloatArray) -> FloatArray:
-        slopes = _in_one_unit(error_slopes(errors_at, point)[1].T, problem, unit).T
-        # an impossible neighbour says nothing
-        return np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)
+        nonlocal known
+        known = _slopes_at(point, known if problem.dear else None, errors_at, driven)
+        return _in_one_unit(known[2].T, problem, unit).T
 
     # least squares want a start strictly within the bounds
     begin = np.clip(start, 2.0 * _INSIDE, 1.0 - 2.0 * _INSIDE)
@@ -277,11 +311,12 @@ def descend_from(
     if problem.cheap:
         tolerance = FINE
         descent = _MOST_FINE
-    descents = [descent] * (_MOST_SCALES if robust else 1)
+    descents = [descent] * (_MOST_SCALES if robust else 1 + problem.dear)
     if math.isfinite(goal):
         descents.insert(0, _TRIAL)
     for most in descents:
         driven.correct(begin)
+        known = None
         end = least_squares(
             errors,
             begin,
@@ -300,9 +335,9 @@ def descend_from(
         last = errors_at(end[None])[0]
         scale = median_size(last, problem)
         size = _total_size(_in_one_unit(last, problem, scale), robust)
-        # a trial has too few steps to judge its scale by
         hopeless = size > HOPELESS * goal
-        settled = most != _TRIAL and scale > _SAME_SCALE * before
+        # a trial has too few steps to judge its scale by
+        settled = robust and most != _TRIAL and scale > _SAME_SCALE * before
         if hopeless or (settled and (unit or not problem.pulls)):
             break
         unit = scale

@@ -68,7 +68,7 @@ SETTINGS: Mapping[tuple[Method, bool], JdeSettings] = {
     ("hybrid", True): JdeSettings(20, 4),
     ("descents", False): JdeSettings(20, 1),  # of which only the first population is drawn
     ("descents", True): JdeSettings(20, 1),
-    ("lsq", False): JdeSettings(5, 1),  # of which only the first candidate counts
+    ("lsq", False): JdeSettings(5, 1),  # of which only the first candidate is rated
     ("lsq", True): JdeSettings(5, 1),
 }
 """Usual settings of jDE for planar models (`jde`: Tab. 3.7 of the thesis) and simulated bodies."""
@@ -200,7 +200,8 @@ class Search:
     def by_stage(self) -> dict[str, int]:
         """Number of candidates that each stage rated."""
         least_squares = len(self.driven) + self.ends
-        return {"jde": self.jde.evaluations, "lsq": least_squares, "simplex": len(self.rated)}
+        drawn = 1 if self.method == "lsq" else self.jde.evaluations
+        return {"jde": drawn, "lsq": least_squares, "simplex": len(self.rated)}
 
     @property
     def evaluations(self) -> int:
@@ -225,10 +226,10 @@ class Search:
         after every generation. Some searches need its first population alone.
         """
         began = time.perf_counter()
-        rated = self.jde.evaluations
+        before = self.jde.evaluations
 
         def tell(share: float) -> None:
-            rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
+            rate = (self.jde.evaluations - before) / max(time.perf_counter() - began, 1e-9)
             total = self.jde.settings.generations + 1 + self.starts
             text = "rates the first candidates"
             if rate:
@@ -238,7 +239,11 @@ class Search:
         with self._timed() as save:
             draws = self.method in ("descents", "lsq")
             while not (self.jde.finished or (draws and len(self.jde.history))):
-                costs = problem.costs(self.jde.ask(), self.jde.costs, o.raters, tell)
+                points = self.jde.ask()
+                costs = np.full(len(points), np.inf)
+                # least squares begin at the user's candidate, be it the best or not
+                rated = slice(1 if self.method == "lsq" else None)
+                costs[rated] = problem.costs(points[rated], self.jde.costs[rated], o.raters, tell)
                 self.jde.tell(costs)
                 save()
                 tell(0.0)
@@ -256,15 +261,9 @@ class Search:
     def refine(self, problem: FitProblem, o: Searching) -> None:
         """Go on by least squares, from the best candidate and others far from it, and a simplex.
 
-        One start alone begins at the first candidate, be it the best or not: it is the user's. With
-        a longer physics step errors are corrected where each descent begins, and costs of ends are
-        those of the profile's step.
+        With a longer physics step errors are corrected where each descent begins, and costs of ends
+        are those of the profile's step.
         """
-        points = self.jde.population
-        costs = self.jde.costs
-        if self.starts == 1 and np.isfinite(costs[0]):
-            points = points[:1]
-            costs = costs[:1]
         before = self.jde.settings.generations + 1
 
         with self._timed() as save:
@@ -280,7 +279,13 @@ class Search:
                 best = self.jde.best
                 self.refined = best, float(problem.costs(best[None], None, o.raters)[0])
             ends = descent_ends(
-                rough, points, costs, self.starts, self.driven, workers=o.raters, on_step=step
+                rough,
+                self.jde.population,
+                self.jde.costs,
+                self.starts,
+                self.driven,
+                workers=o.raters,
+                on_step=step,
             )
             for end in ends:
                 self.ends += 1

@@ -31,6 +31,7 @@ from ssmr.types import FloatArray, IndexArray
 from validation.identify.problem import IGNORANCE, NORMAL, FitProblem
 from validation.identify.refine import (
     NEAR_BOUND,
+    STEP,
     Remembered,
     error_slopes,
     median_size,
@@ -98,13 +99,17 @@ class Uncertainty:
 
 
 def estimate_uncertainty(
-    problem: FitProblem, point: FloatArray, workers: int | str = 1, driven: Remembered | None = None
+    problem: FitProblem,
+    point: FloatArray,
+    workers: int | str = 1,
+    driven: Remembered | None = None,
+    foreseen: bool = False,
 ) -> Uncertainty:
     """Estimate standard errors and correlations at the optimum, an (n,) point of the unit cube.
 
-    What least squares have `driven` is not driven again: where the point is their end, only the
-    other side of each difference is new. The difference between one-sided and central derivatives
-    says how wrong they can be.
+    With `foreseen` a search begins at the point, and errors are those to which derivatives lead.
+    What least squares have `driven` is not driven again: where they took differences within a step
+    of it, only their other sides are new. One-sided less central derivatives: how wrong these are.
     """
     n = len(point)
     remembered = driven or Remembered()
@@ -112,10 +117,17 @@ def estimate_uncertainty(
     def errors_at(points: FloatArray) -> FloatArray:
         return remembered.look_up(points, lambda new: problem.residuals(new, workers))
 
-    one_sided = error_slopes(errors_at, point)[1]
-    with_prior, all_slopes = error_slopes(errors_at, point, central=True)
-    # all in the unit of the pulls, the median size of errors
+    at = remembered.around
+    if np.abs(at - point).max() >= STEP:
+        at = point
+    one_sided = error_slopes(errors_at, at)[1]
+    all_slopes = error_slopes(errors_at, at, central=True)[1]
+    with_prior = errors_at(point[None])[0]
     k = len(problem.blocks)
+    if foreseen:
+        ahead, _ = _of_a_day(with_prior[:k], all_slopes[:k], problem.blocks)
+        with_prior += all_slopes @ ahead
+    # all in the unit of the pulls, the median size of errors
     unit = np.ones(len(with_prior))
     unit[:k] = median_size(with_prior, problem)
     with_prior = with_prior / unit

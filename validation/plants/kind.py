@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from ssmr.errors import ParameterError, SsmrError
+from ssmr.geometry import compose_poses
 from ssmr.metrics.bands import Band
 from ssmr.parameters import describe_parameters
 from ssmr.robot.localiser import Localiser
@@ -17,6 +20,8 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import TORQUES, Commands, FloatArray, Plant, State, Trajectory
 from validation.output import Document
 from validation.simulator.description import Robot
+from validation.simulator.physics import SHIPPED, PhysicsSettings
+from validation.simulator.terrain import FLAT
 
 Occasion = Literal["scenario", "commands", "wheels"]
 """Occasion of a fit: to a plant's motion in a scenario, or to a log whose commands or wheel rates
@@ -122,37 +127,67 @@ def side_torques(motion: Trajectory) -> FloatArray | None:
     return motion.channels.get(TORQUES, motion.channels.get(GROUND_TORQUES))
 
 
+_KEPT = 12
+"""Greatest number of bodies whose motions are kept: those of the central derivatives of five of
+their numbers, and one."""
+
+
+@lru_cache(maxsize=_KEPT)
+def _motions_of(*body: object) -> dict[tuple[Commands, State, float], Trajectory]:
+    """Return the motions that are known of a body from the origin, for more to be added."""
+    return {}
+
+
 class OneByOne:
-    """Candidates that are driven one after another; the caller spreads them over threads."""
+    """Candidates that are driven one after another; the caller spreads them over threads.
+
+    How a body is seen moves nothing: candidates that differ in their localisers alone have one
+    motion, unless these tell other velocities at its start.
+    """
 
     def __init__(
         self,
-        build: Callable[[PlantProfile], Plant],
+        build: Callable[..., Plant],
         candidates: Sequence[PlantProfile | None],
+        settings: PhysicsSettings,
     ) -> None:
-        """Build the candidates; None stands for one that cannot be built."""
-        self._built = dict[int, tuple[Plant, Localiser]]()
-        for i, candidate in enumerate(candidates):
-            if candidate is not None:
-                with contextlib.suppress(ParameterError):
-                    self._built[i] = build(candidate), candidate.localiser
+        """Keep the candidates; None stands for one that cannot be built."""
+        self._build = build
+        self._candidates = candidates
+        self._settings = settings
 
     def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.motions`."""
         out = np.full((len(which), sample_count(piece, sample_dt), 5), np.nan)
         for row, i in enumerate(which):
-            if i not in self._built:
-                continue
-            plant, localiser = self._built[i]
-            # a candidate that diverges keeps its NaN, which no cost accepts
-            with contextlib.suppress(SsmrError):
-                start = localiser.body_state(piece.start)
-                motion = localiser.seen(plant.run(piece.commands, start, sample_dt), piece.t)
-                out[row, :, :3] = motion.pose
-                torques = side_torques(motion)
-                if torques is not None:
-                    out[row, :, 3:] = torques
+            candidate = self._candidates[i]
+            # a candidate that cannot be built or diverges keeps its NaN, which no cost accepts
+            with contextlib.suppress(ParameterError, SsmrError):
+                if candidate is not None:
+                    seen = self._seen_motion(candidate, piece, sample_dt)
+                    out[row, :, :3] = seen.pose
+                    out[row, :, 3:] = seen.channels.get(TORQUES, math.nan)
         return out
+
+    def _seen_motion(self, candidate: PlantProfile, piece: Stretch, sample_dt: float) -> Trajectory:
+        """Return the poses and torques of a candidate over one stretch, as its localiser sees them.
+
+        Raises:
+            ParameterError: it cannot be built.
+            SsmrError: it diverged.
+        """
+        localiser = candidate.localiser
+        body = replace(candidate, localiser=Localiser()), FLAT, self._settings
+        known = _motions_of(self._build, *body)
+        start = localiser.body_state(piece.start)
+        drive = piece.commands, replace(start, x=0.0, y=0.0, yaw=0.0), sample_dt
+        if drive not in known:
+            motion = self._build(*body).run(*drive)
+            torques = side_torques(motion)
+            channels = {} if torques is None else {TORQUES: torques}
+            known[drive] = replace(motion, channels=channels)
+        pose = compose_poses((start.x, start.y, start.yaw), known[drive].pose)
+        return localiser.seen(replace(known[drive], pose=pose), piece.t)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +218,16 @@ class PlantKind:
     compared with others; those of planar models are numbers of a fit. Its motors have an integral
     part unless the robot's file says otherwise."""
 
-    def population(self, candidates: Sequence[PlantProfile | None], workers: int) -> Population:
-        """Prepare candidates, None for one that cannot be built, for a number of threads."""
+    def population(
+        self,
+        candidates: Sequence[PlantProfile | None],
+        workers: int,
+        settings: PhysicsSettings = SHIPPED,
+    ) -> Population:
+        """Prepare candidates, None for one that cannot be built, for a number of threads.
+
+        The `settings` say how the physics of simulated bodies is computed.
+        """
         if self.together is None:
-            return OneByOne(self.build, candidates)
+            return OneByOne(self.build, candidates, settings)
         return self.together(candidates, workers)

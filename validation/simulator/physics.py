@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ class PhysicsSettings:
     """Time constant [s] and damping ratio [1] of tyre on ground."""
     solver: Solver | None = None
     """Constraint solver -> opt.solver; None for the one that `_solver_for` chooses."""
+    tolerance: float | None = None
+    """Tolerance of the constraint solver for a robot of `_LIGHT` or more [1] -> opt.tolerance; None
+    for that of `SOLVING`."""
     iterations: int | None = None
     """Greatest number of solver iterations -> opt.iterations; None for those of `SOLVING`."""
     integrator: Integrator | None = None
@@ -46,6 +49,9 @@ MUJOCO_IMPEDANCE: Impedance = (0.9, 0.95, 0.001, 0.5, 2.0)
 """MuJoCo's default `solimp`."""
 SHIPPED = PhysicsSettings()
 """A robot's MJCF as it is, solved as `_solver_for` says."""
+SEARCHING = PhysicsSettings(tolerance=1e-7)
+"""The same solved less exactly, while a fit searches with longer steps and never for results: after
+a minute a Husky is within 0.5 mm of where it would be, in five sixths of the time."""
 
 SOLVING: Mapping[Solver, tuple[float, int]] = {
     "CG": (3e-10, 400),
@@ -74,7 +80,8 @@ def _solver_for(settings: PhysicsSettings, friction_ratio: float) -> Solver:
     """
     if settings.solver is not None:
         return settings.solver
-    return "CG" if settings == SHIPPED and friction_ratio >= _EASY_RATIO else "Newton"
+    usual = replace(settings, tolerance=None) == SHIPPED
+    return "CG" if usual and friction_ratio >= _EASY_RATIO else "Newton"
 
 
 def apply_settings(
@@ -99,7 +106,9 @@ def apply_settings(
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
     option = model.opt
     option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
-    option.tolerance = tolerance * min(1.0, mujoco.mj_getTotalmass(model) / _LIGHT)
+    option.tolerance = (settings.tolerance or tolerance) * min(
+        1.0, mujoco.mj_getTotalmass(model) / _LIGHT
+    )
     option.iterations = settings.iterations or iterations
     option.impratio = settings.impratio or option.impratio
     if settings.cone is not None:

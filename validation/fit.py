@@ -465,20 +465,21 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     require_possible(problem, o.bounds)
     # numbers that the user chooses begin where the profile has them
     if kind.torques and occasion != "scenario" and o.guess is None and o.free is None:
-        first = plant_kind(beginning.FIRST_FITTED).free[occasion]
-        names = beginning.searched_names((), first, o.fix, sources)
+        names = beginning.searched_names(
+            (), plant_kind(beginning.FIRST_FITTED).free[occasion], o.fix, sources
+        )
         start = beginning.begin_at(problem, base.section(beginning.FIRST_FITTED), names, o)
-        if untold := beginning.friction_left_untold(problem, start, o):
-            told = ~np.isin(space.names, untold)
-            space = ParameterSpace(tuple(compress(space.parameters, told)))
+        untold = beginning.friction_left_untold(problem, start, o)
+        for name, value in zip(compress(space.names, untold), before[untold], strict=True):
+            notes.append(
+                f"{name} is held at {value:.3g}: neither torques nor the speed of this motion "
+                "tell it."
+            )
+        if notes:
+            space = ParameterSpace(tuple(compress(space.parameters, ~untold)))
             problem = FitProblem(o.model, begun, space, sources, cost, held)
-            for name, value in zip(untold, before[~told], strict=True):
-                notes.append(
-                    f"{name} is held at {value:.3g}: neither torques nor the speed of this motion "
-                    "tell it."
-                )
-            start = start[:, told]
-            before = before[told]
+            start = start[:, ~untold]
+            before = before[~untold]
     method = o.search or usual_search(o, problem)
     settings = o.settings(SETTINGS[method, o.model in SIMULATED])
     search = search_for(problem, settings, o, start, method)

@@ -18,6 +18,7 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from ssmr.errors import SsmrError
@@ -169,17 +170,15 @@ def amplitude_sentences(problem: FitProblem, held: Sequence[str]) -> list[str]:
     return out
 
 
-def friction_left_untold(problem: FitProblem, start: FloatArray, o: Searching) -> list[str]:
-    """Return a body's frictions that the logs hardly tell, by the derivatives at (1, n) `start`.
+def friction_left_untold(problem: FitProblem, start: FloatArray, o: Searching) -> NDArray[np.bool_]:
+    """Return the (n,) frictions of a body that the logs hardly tell, by derivatives at a start.
 
     The standard error to expect is then about as large as what is known without the logs.
     """
-    untold: list[str] = []
+    names = problem.space.names
+    untold = np.array([name.partition("@")[0] == "friction" for name in names])
+    untold &= [not {name, "friction"} & {*o.bounds} for name in names]
     with contextlib.suppress(SsmrError, np.linalg.LinAlgError):
         sure = estimate_uncertainty(problem.coarser() or problem, start[0], o.raters, foreseen=True)
-        for k, name in enumerate(problem.space.names):
-            number = name.partition("@")[0]
-            bounded = name in o.bounds or number in o.bounds
-            if sure.untold[k] and number == "friction" and not bounded:
-                untold.append(name)
-    return untold
+        return untold & sure.untold
+    return untold & False

@@ -192,16 +192,13 @@ class FitProblem:
         """
         if not self.robust or self.model != STANDARD:
             return None
-        numbers = self.base.parameters
-        step = _COARSER * numbers.timestep
+        step = _COARSER * self.base.parameters.timestep
         try:
             for period in {self.base.drive.hold, *(source.sample_dt for source in self.sources)}:
                 whole_steps(period, step, "the period")
-            longer = replace(self.base, parameters=replace(numbers, timestep=step))
+            problem = self._with_numbers(timestep=step)
         except ParameterError:
             return None
-        problem = copy.copy(self)
-        problem.base = longer
         problem._settings = SEARCHING
         return problem
 
@@ -213,10 +210,14 @@ class FitProblem:
         is_known = "simulation.wheel_shape" in self.base.robot.given
         if is_known or not (self.torques and self.robust and self.model == STANDARD):
             return None
-        numbers = self.base.parameters
-        shape = "ellipsoid" if numbers.wheel_shape == "cylinder" else "cylinder"
+        is_round = self.base.parameters.wheel_shape == "cylinder"
+        return self._with_numbers(wheel_shape="ellipsoid" if is_round else "cylinder")
+
+    def _with_numbers(self, **numbers: float | str) -> FitProblem:
+        """Return this problem with other numbers in the plant of before."""
         problem = copy.copy(self)
-        problem.base = replace(self.base, parameters=replace(numbers, wheel_shape=shape))
+        parameters = replace(self.base.parameters, **numbers)
+        problem.base = replace(self.base, parameters=parameters)
         return problem
 
     def candidate(self, point: FloatArray, tags: Tags = ()) -> PlantProfile | None:
@@ -360,10 +361,13 @@ class FitProblem:
             )
             return rate(population, which, workers if size > 1 else 1)
 
+        firsts = range(0, len(points), size)
         # a compiled loop has threads of its own; a simulator's plants are driven side by side
-        pool = ThreadPoolExecutor(1 if self._together else workers)
+        if self._together or workers == 1:
+            return np.concatenate(list(map(share, firsts)))
+        pool = ThreadPoolExecutor(workers)
         try:
-            return np.concatenate(list(pool.map(share, range(0, len(points), size))))
+            return np.concatenate(list(pool.map(share, firsts)))
         finally:
             pool.shutdown(cancel_futures=True)
 

@@ -200,8 +200,11 @@ class Search:
     def by_stage(self) -> dict[str, int]:
         """Number of candidates that each stage rated."""
         least_squares = len(self.driven) + self.ends
-        drawn = 1 if self.method == "lsq" else self.jde.evaluations
-        return {"jde": drawn, "lsq": least_squares, "simplex": len(self.rated)}
+        return {
+            "jde": 1 if self.method == "lsq" else self.jde.evaluations,
+            "lsq": least_squares,
+            "simplex": len(self.rated),
+        }
 
     @property
     def evaluations(self) -> int:

@@ -134,3 +134,15 @@ def test_a_file_that_somebody_else_wrote_is_replaced_only_if_asked(
         assert Path("mine.csv").read_text() != "precious"
     for _ in range(2):  # its own findings, and the file that nobody named, are replaced
         assert status("info", "sample", "--json", "info.json") == status("convert", "sample") == 0
+
+
+def test_a_picture_that_somebody_else_drew_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("info.png").write_text("precious")
+    assert status("info", "sample", "--out", ".") == 2
+    assert Path("info.png").read_text() == "precious"
+    assert status("info", "sample", "--out", ".", "--overwrite") == 0
+    assert Path("info.png").read_bytes().startswith(b"\x89PNG")
+    assert status("info", "sample", "--out", ".") == 0  # its own

@@ -233,3 +233,14 @@ def test_a_gyro_that_shows_something_else_judges_nothing() -> None:
     for wrong in ({"gyro_z": noise}, {"gyro_z": 0.0 * noise}):
         source = open_source(Log.of_columns("log.csv", {**columns, **wrong}))
         assert find_gyro_judge(source) is None
+
+
+def test_pieces_of_a_log_with_many_gaps_hold_no_table_each() -> None:
+    columns = drive()
+    gaps = 10.0 * np.floor(np.arange(len(columns["t"])) / 40.0)
+    source = open_source(Log.of_columns("log.csv", {**columns, "t": columns["t"] + gaps}))
+    assert len(source.pieces) > 20
+    for name in ("fresh", "moves"):
+        parts = [getattr(piece, name) for piece in source.pieces]
+        held = {id(part.base): part.base.nbytes for part in parts}
+        assert sum(held.values()) <= len(columns["t"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -90,3 +92,14 @@ def test_a_short_recording_gets_the_range_of_its_errors() -> None:
     errors = np.linspace(0.0, 1.0, 101)
     measured = WindowErrors(60.0, errors, errors).summary()
     assert (measured.position_low_m, measured.position_high_m) == pytest.approx((0.05, 0.95))
+
+
+def test_intervals_of_a_long_log_take_little_memory() -> None:
+    errors = np.random.default_rng(0).random(30_000)
+    windows = WindowErrors(6.0, errors, errors)
+    windows.summary()
+    tracemalloc.start()
+    windows.summary()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 1000 * errors.nbytes / 2.0, "all 1000 series were held at once"

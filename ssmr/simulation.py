@@ -26,9 +26,9 @@ from ssmr.robot.drive import (
     Sides,
     advance_integral,
     motor_numbers,
+    reference_chunks,
     side_rates,
     step_pushes,
-    wheel_references,
     whole_steps,
 )
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
@@ -44,6 +44,9 @@ _CHANNELS: Mapping[str, slice | int] = {
     "torque_N_m": slice(8, 10),
     "yaw_acceleration_rad_s2": 10,
 }
+_AT_ONCE = 1 << 18
+"""Steps whose references are held at once, at least: those of a log of hours would fill the
+memory."""
 PLANAR_DT = 0.001
 """Default step of the planar models [s]; Tab. 3.7."""
 SAMPLE_DT = 0.008
@@ -303,15 +306,26 @@ class PlanarPlant(BodyPlant):
                 a step.
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
-        references = wheel_references(commands, self.drive, self.dt, state)
-        push = step_pushes(disturbance, len(references))
+        steps = commands.n * whole_steps(commands.dt, self.dt, "the command period")
+        push = step_pushes(disturbance, steps)
         model = self.model.prescribed() if commands.kind == "wheels" else self.model
         robot = model.packed(self.dt)
-        out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
-        start = _planar_start(state.motion, robot)
-        failed, _ = run_planar(references, push, stride=stride, robot=robot, start=start, out=out)
-        if failed >= 0:
-            t = failed * self.dt
-            message = f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)"
-            raise DivergedError(message, step=failed, t=t)
+        out = np.empty((1 + steps // stride, PLANAR_COLUMNS))
+        now = _planar_start(state.motion, robot)
+        size = stride * math.ceil(_AT_ONCE / stride)
+        chunks = reference_chunks(commands, self.drive, self.dt, state, size)
+        for first, references in zip(range(0, steps, size), chunks, strict=True):
+            pushes = push[first : first + size] if len(push) > 1 else push
+            rows = out[first // stride :]
+            begun = rows[0].copy()
+            failed, now = run_planar(
+                references, pushes, stride=stride, robot=robot, start=now, out=rows
+            )
+            if first:  # the chunk before knows how it turned there
+                rows[0] = begun
+            if failed >= 0:
+                step = first + failed
+                t = step * self.dt
+                message = f"{self.name}: no finite velocity after step {step} (t = {t:.3f} s)"
+                raise DivergedError(message, step=step, t=t)
         return Trajectory.of_table(sample_dt, out, _CHANNELS)

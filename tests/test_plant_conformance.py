@@ -14,10 +14,10 @@ from ssmr.control.loop import POSITION_PERIOD
 from ssmr.geometry import compose_poses
 from ssmr.robot.drive import wheel_rates, wheel_references, whole_steps
 from ssmr.scenarios import COMMAND_PERIOD
-from ssmr.types import Commands, Plant, State, Trajectory
+from ssmr.types import CommandKind, Commands, Plant, State, Trajectory
 from tests.conftest import DRAKE_SYMMETRY, EXACT, SYMMETRY
 from validation.experiment.sources import RECORDING_GRID
-from validation.plants.profile import Profile
+from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.table import plant_kind
 
 Make = Callable[[], Any]  # BodyPlant
@@ -198,3 +198,21 @@ def test_nothing_happens_before_the_delay_is_over(make: Make) -> None:
     assert isinstance(motion, Trajectory)
     assert np.abs(motion.pose[early]).max() <= 1e-9
     assert motion.pose[-1, 0] > 0.1
+
+
+@pytest.mark.parametrize("kind", ["twist", "wheels"])
+@pytest.mark.parametrize("model", ["improved", "kinematic"])
+def test_a_long_run_is_driven_in_parts_to_the_bit(
+    model: str, kind: CommandKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant = make_plant(load_profile("husky-tile"), model)
+    values = np.random.default_rng(1).uniform(-1.0, 1.0, (60, 2))
+    commands = Commands(0.05, values, kind)
+    push = np.random.default_rng(2).standard_normal(round(commands.duration / plant.dt))
+    whole = plant.run(commands, State(v_x=0.2), 0.01, push)
+    monkeypatch.setattr("ssmr.simulation._AT_ONCE", 7)
+    parts = plant.run(commands, State(v_x=0.2), 0.01, push)
+    for name in ("pose", "twist", "wheels"):
+        assert np.array_equal(getattr(parts, name), getattr(whole, name)), name
+    for name, channel in whole.channels.items():
+        assert np.array_equal(parts.channels[name], channel), name

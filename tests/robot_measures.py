@@ -19,7 +19,7 @@ from validation.simulator.model import GRAVITY, robot_model
 from validation.simulator.motors import actuator_inputs
 from validation.simulator.parts import robot_parts
 from validation.simulator.physics import PhysicsSettings
-from validation.simulator.turning import closed_form
+from validation.simulator.turning import closed_form, load_sensitivity
 
 RIM_SPEED = 0.13
 ROLL_SPEED = 0.4
@@ -35,32 +35,8 @@ STIFF = 20.0
 EXACT = PhysicsSettings(solver="Newton")
 """Solver that is exact enough for laws that hold to rounding; tests/test_solver.py holds the
 shipped one to it."""
-LOAD_SHIFTS = (0.005, 0.005, 0.02, 0.2)
-"""A slow turn on the spot may move the loads by these shares, see `turn_on_the_spot` [1]: forces
-towards the turn's centre move half a per cent of the weight to the front or aside; the soft
-contact, which carries more where it slips faster, moves two per cent between diagonals and a fifth
-between a wide tyre's edges (docs/robots.md, "Robots of other sizes and shapes")."""
 TILT = math.radians(8.0)
 """Slope on which a robot creeps [rad]."""
-
-
-def load_sensitivity(calibration: Calibration) -> float:
-    """Return the share by which the closed form's multiplier may change with `LOAD_SHIFTS` [1].
-
-    It is small but for long robots with their centre of mass far off the middle, which barely turn
-    at all.
-    """
-    at_rest = math.log(closed_form(calibration).multiplier)
-    total = 0.0
-    for k, share in enumerate(LOAD_SHIFTS):
-        shifts = [
-            tuple(sign * share if i == k else 0.0 for i in range(len(LOAD_SHIFTS)))
-            for sign in (1.0, -1.0)
-        ]
-        total += max(
-            abs(math.log(closed_form(calibration, shift=s).multiplier) - at_rest) for s in shifts
-        )
-    return total
 
 
 class Bench:

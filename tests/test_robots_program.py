@@ -150,6 +150,15 @@ FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
 """What is changed, and parts of the sentence that say what is wrong and what would be right."""
 
 
+@pytest.mark.parametrize("com", [(0.0, 0.36), (0.0, 0.5), (0.2, 0.3), (-0.1, -0.44)])
+def test_a_weight_off_the_middle_is_blamed_on_nothing_else(com: tuple[float, float]) -> None:
+    """Where it barely turns, a little more or less load decides how much."""
+    check = check_robot(changed(mass={"com": [*com, 0.1]}))
+    assert {finding.kind for finding in check.findings if finding.severity == "fault"} == {
+        "weight_off"
+    }
+
+
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_told_with_what_would_be_right(name: str) -> None:
     sections, wrong, right = FAULTS[name]

@@ -45,7 +45,7 @@ _DRIVE_TIME = 3.0
 """Duration of the straight drive and of the curve [s]."""
 _INSIDE = 0.4
 """Rate of the inner wheels in the curve over that of the outer ones [1]."""
-_LOADED = 0.6
+LOADED = 0.6
 """Load at rest over a quarter of the weight below which a wheel may lift [1]."""
 _UNEVEN = 0.5
 """Share of its load that a wheel may have more or less on uneven ground [1]."""
@@ -330,7 +330,7 @@ def _weigh_turn(robot: OwnRobot, ride: Trajectory, rims: FloatArray) -> list[Bal
     xy = ride.pose[tail, :2]
     measures = robot.measures
     # a wheel that the weight leaves with little load lifts without hopping
-    in_air = float(np.where(robot.loads > _LOADED * quarter, lifted, 0.0).max())
+    in_air = float(np.where(robot.loads > LOADED * quarter, lifted, 0.0).max())
     sideways = float(np.hypot(*(xy - xy[0]).T).max())
     measures |= {"lifted_share": in_air, "sideways_m": sideways}
     turned = float(yaw[-1])
@@ -418,26 +418,22 @@ def in_words(robot: OwnRobot) -> str:
     measures = robot.measures
     if "multiplier" not in measures:
         return "It does not turn on the spot at all."
-    droop = measures["droop_at_speed"]
     middle = mechanical_turn(robot, in_the_middle=True).multiplier
     expected = measures["closed_form"]
-    measured = measures["multiplier"]
-    left = [90.0]
-    for factor in (1.0 - droop, 1.0 / middle, middle / expected, expected / measured):
-        left.append(left[-1] * factor)
-    names = (
-        "wheels that lag behind their rates",
-        "skidding, as on a real robot,",
-        "weight off the middle",
-        "contacts, which hop or depend on the heading,",
-    )
+    factors = {
+        "wheels that lag behind their rates": 1.0 - measures["droop_at_speed"],
+        "skidding, as on a real robot,": 1.0 / middle,
+        "weight off the middle": middle / expected,
+        "contacts, which hop or depend on the heading,": expected / measures["multiplier"],
+    }
+    left = 90.0
     parts = []
-    for name, before, after in zip(names, left, left[1:], strict=False):
-        lost = before - after
+    for name, factor in factors.items():
+        lost = left * (1.0 - factor)
+        left -= lost
         if abs(lost) >= 1.0:
             parts.append(f"{name} {'take' if lost > 0.0 else 'give back'} {abs(lost):.0f}°")
-    text = f"It turns {left[-1]:.0f}° for 90° on its wheels"
-    text += f": {', '.join(parts)}" if parts else ": nothing is lost"
+    text = f"It turns {left:.0f}° for 90° on its wheels: {', '.join(parts) or 'nothing is lost'}"
     if measures["lifted_share"] > 0.01:
         text += f"; a wheel is off the ground {100.0 * measures['lifted_share']:.0f} % of the time"
     return text + "."

@@ -274,29 +274,23 @@ def _body_inertia(robot: Robot, foreign: Others) -> Finding | None:
     return None
 
 
-def _hull_in_ground(robot: Robot, _: Others) -> Finding | None:
-    bottom = robot.body_centre[2] - 0.5 * robot.body_size[2] + robot.base_height
-    if bottom >= -1e-6 or _hull_is_guessed(robot):
-        return None
-    return Finding(
-        "hull",
-        "fault",
-        f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of "
-        f"{robot.wheel_radius:g} m and axles at {robot.axle_height:g} m, the base frame is "
-        f"{robot.base_height:.4g} m above it",
-        "correct axle_height or body_centre",
-    )
-
-
-def _hull_unlike(robot: Robot, _: Others) -> Finding | None:
+def _hull(robot: Robot, _: Others) -> Finding | None:
     if _hull_is_guessed(robot):
         return None
     length, width, height = robot.body_size
-    if (
-        length < 2.0 * robot.wheel_radius
-        or width < robot.wheel_width
-        or height < 0.2 * robot.wheel_radius
-    ):
+    bottom = robot.body_centre[2] - 0.5 * height + robot.base_height
+    density = robot.base_mass / (length * width * height)
+    if bottom < -1e-6:
+        return Finding(
+            "hull",
+            "fault",
+            f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of "
+            f"{robot.wheel_radius:g} m and axles at {robot.axle_height:g} m, the base frame is "
+            f"{robot.base_height:.4g} m above it",
+            "correct axle_height or body_centre",
+        )
+    radius = robot.wheel_radius
+    if length < 2.0 * radius or width < robot.wheel_width or height < 0.2 * radius:
         return Finding(
             "hull",
             "question",
@@ -304,7 +298,6 @@ def _hull_unlike(robot: Robot, _: Others) -> Finding | None:
             "is it an antenna or a sensor",
             "measure the body, and say body_size and body_centre",
         )
-    density = robot.base_mass / (length * width * height)
     if _DENSITIES[0] < density < _DENSITIES[1]:
         return None
     return Finding(
@@ -328,9 +321,8 @@ def _mass_in_wheels(robot: Robot, _: Others) -> Finding | None:
     )
 
 
-def _effort(robot: Robot, _: Others) -> Finding | None:
-    drive = robot.drive
-    limit = drive.torque_limit
+def _effort(robot: Robot, foreign: Others) -> Finding | None:
+    limit = robot.drive.torque_limit
     if math.isinf(limit):
         return Finding(
             "effort",
@@ -341,6 +333,18 @@ def _effort(robot: Robot, _: Others) -> Finding | None:
     if spot is None:
         return None
     torque = turning_torque(robot, spot)
+    loss = robot.drive.gear_loss
+    needed = robot.friction * torque + loss
+    # of others each motor is weighed for itself
+    if needed > 2.0 * limit and foreign is None:
+        return Finding(
+            "motor_weak",
+            "fault",
+            f"it cannot turn on the spot on ground of friction {robot.friction:g}: a side needs "
+            f"{needed:.4g} N m and its motors give {2.0 * limit:.4g} N m",
+            f"torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
+            f"{(2.0 * limit - loss) / torque:.2g}",
+        )
     if 2.0 * limit <= _MOST_SPARE * torque or torque <= 0.0:
         return None
     return Finding(
@@ -349,28 +353,6 @@ def _effort(robot: Robot, _: Others) -> Finding | None:
         f"the limit of torque is {limit:.3g} N m a wheel, and {0.5 * torque:.3g} N m "
         "turn the robot on the spot on ground of friction 1: is it that of a wheel, behind "
         "the gear, in N m?",
-    )
-
-
-def _motor_weak(robot: Robot, foreign: Others) -> Finding | None:
-    spot = spot_turn(robot)
-    # of others each motor is weighed for itself
-    if spot is None or foreign is not None:
-        return None
-    mu = robot.friction
-    loss = robot.drive.gear_loss
-    limit = 2.0 * robot.drive.torque_limit
-    torque = turning_torque(robot, spot)
-    needed = mu * torque + loss
-    if needed <= limit:
-        return None
-    return Finding(
-        "motor_weak",
-        "fault",
-        f"it cannot turn on the spot on ground of friction {mu:g}: a side needs "
-        f"{needed:.4g} N m and its motors give {limit:.4g} N m",
-        f"torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
-        f"{(limit - loss) / torque:.2g}",
     )
 
 
@@ -426,11 +408,9 @@ _LOOKS: Sequence[Callable[[Robot, Others], Finding | None]] = (
     _weight_off,
     _wheel_inertia,
     _body_inertia,
-    _hull_in_ground,
-    _hull_unlike,
+    _hull,
     _mass_in_wheels,
     _effort,
-    _motor_weak,
     _guess,
     _controller,
 )

@@ -42,15 +42,24 @@ def _numbers_of(robot: OwnRobot, part: Part, attribute: str) -> FloatArray:
     kind, name = part
     model = robot.wheeled.model
     if kind == "option":
-        view = model.opt
-    elif kind == "pair":
-        view = model.pair(int(name))
-        attribute = {"condim": "dim"}.get(attribute, attribute)
-    elif attribute == "gravcomp":
-        return np.asarray(model.body_gravcomp[[model.body(name).id]])
-    else:
-        view = getattr(model, kind)(name)
+        return np.ravel(getattr(model.opt, attribute))
+    view = getattr(model, kind)(int(name) if kind == "pair" else name)
+    others = {
+        "gravcomp": model.body_gravcomp,
+        "actuatorfrcrange": model.jnt_actfrcrange,
+        "condim": model.pair_dim if kind == "pair" else model.geom_condim,
+    }
+    if attribute in others:
+        return np.ravel(others[attribute][view.id])
     return np.ravel(getattr(view, attribute))
+
+
+def _even_range(
+    robot: OwnRobot, text: MjcfText, part: Part, attribute: str, least: float = 0.0
+) -> Edits:
+    """Return edits that make a range as wide either way, and at least so wide."""
+    most = max(least, float(np.abs(_numbers_of(robot, part, attribute)).max()))
+    return _differing(robot, text, [part], **{attribute: _row(-most, most)})
 
 
 def _differing(robot: OwnRobot, text: MjcfText, parts: Iterable[Part], **values: str) -> Edits:
@@ -160,11 +169,8 @@ def _even_inputs(robot: OwnRobot, text: MjcfText) -> Edits:
     """Return edits that let wheels turn equally fast either way."""
     edits = dict[Part, Mapping[str, str]]()
     for name in robot.servos:
-        servo = robot.model.actuator(name)
-        most = float(np.abs(servo.ctrlrange).max())
-        if servo.ctrllimited[0]:
-            part = ("actuator", name)
-            edits |= _differing(robot, text, [part], ctrlrange=_row(-most, most))
+        if robot.model.actuator(name).ctrllimited[0]:
+            edits |= _even_range(robot, text, ("actuator", name), "ctrlrange")
     return edits
 
 
@@ -219,7 +225,7 @@ def _mend_shapes(robot: OwnRobot, text: MjcfText) -> Edits:
     for drum, joint in zip(drums, wheeled.joints, strict=False):
         part = ("geom", wheeled.model.geom(drum.geom).name)
         values = dict[str, str]()
-        is_angular = drum.kind in ("box", "oval")
+        is_angular = drum.kind in ("box", "oval", "lying")
         if is_angular or abs(drum.radius / radius - 1.0) > UNLIKE:
             turn = wheeled.data.geom_xmat[drum.geom].reshape(3, 3)
             along = int(np.argmax(np.abs(turn.T @ wheeled.data.xaxis[joint])))
@@ -229,7 +235,7 @@ def _mend_shapes(robot: OwnRobot, text: MjcfText) -> Edits:
                 values["type"] = "ellipsoid"
             elif drum.kind in ("cylinder", "capsule"):
                 size = np.array([radius, width])
-            if drum.kind not in ("mesh", "lying"):
+            if drum.kind != "mesh":
                 values["size"] = _row(*size)
         if drum.is_off_axle:
             values["pos"] = _row(*_on_axle(robot, drum.geom, joint))
@@ -326,15 +332,13 @@ def _strengthen_motors(robot: OwnRobot, text: MjcfText) -> Edits:
         torque = float(f"{wanted[wheel]:.2g}")
         joint = model.joint(robot.names[wheel])
         if model.jnt_actfrclimited[joint.id]:
-            most = max(torque, float(np.abs(model.jnt_actfrcrange[joint.id]).max()))
-            edits["joint", joint.name] = {"actuatorfrcrange": _row(-most, most)}
+            edits |= _even_range(robot, text, ("joint", joint.name), "actuatorfrcrange", torque)
         for name in robot.servos:
-            motor = robot.model.actuator(name)
+            motor = model.actuator(name)
             if motor.trnid[0] == joint.id and motor.forcelimited[0]:
-                most = torque / abs(float(motor.gear[0]) or 1.0)
-                most = max(most, float(np.abs(motor.forcerange).max()))
-                edits["actuator", name] = {"forcerange": _row(-most, most)}
-    return {part: values for part, values in edits.items() if part in text}
+                least = torque / abs(float(motor.gear[0]) or 1.0)
+                edits |= _even_range(robot, text, ("actuator", name), "forcerange", least)
+    return edits
 
 
 MENDS: Mapping[str, Mend] = {

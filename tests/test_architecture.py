@@ -472,7 +472,7 @@ PRICES = {
         "reinforcement learning on the robot: Gymnasium, also many as one batch, and dm_control",
     ),
     "validation/descriptions": Price(
-        39_200,
+        38_000,
         8,
         40,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "

@@ -206,6 +206,7 @@ DISEASES: Mapping[str, Disease] = {
         "free joint",
     ),
     "honey": ("xml", "OPTION", 'density="1000" viscosity="5"', "held", "liquid"),
+    "water": ("xml", "OPTION", 'density="1000" viscosity="0.001"', "held", "liquid"),
     "flags": ("xml", "MORE", '<option><flag contact="disable"/></option>', "load", "contype"),
     "floating": ("xml", "MORE", '<option><flag gravity="disable"/></option>', "load", "gravcomp"),
     "upward": ("xml", "OPTION", 'gravity="0 0 9.81"', "load", "gravcomp"),

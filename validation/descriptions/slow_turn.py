@@ -47,12 +47,15 @@ class SlowTurn:
         self.weight = robot.mass * GRAVITY
         self.load = 0.25 * self.weight
         self.rim = _FROUDE * math.sqrt(GRAVITY * self.radius)
+        # of the balance's fastest drive
+        self.fast = 2.0 * self.rim
         self.rate = self.rim / self.radius
         self.slow = 0.1 * self.rate
         self.mu = np.nan_to_num(self.of_wheels("mu1"), nan=robot.friction)
         self.need = 0.5 * robot.friction * turning_torque(robot, turn)
         reach = 0.5 * math.hypot(robot.wheelbase, robot.track)
-        self.moment = self.weight * robot.friction * reach
+        self.push = self.weight * robot.friction
+        self.moment = self.push * reach
         self.grip = np.maximum(self.mu, _SLIPPERY) * self.load * self.radius
         self.one = 1.0
         # a line is noticed by what drives show, if at all
@@ -66,14 +69,10 @@ class SlowTurn:
         self.gap = abs(float(self.heights @ (FRONT * LEFT)))
         self.strange = one_line(", ".join(self._strange_joints()))
         self.passive = self._passive_moments(turn.yaw_rate * self.rim)
-        option = self.model.opt
         ground = foreign.wheeled.find_ground(self.joints[0])
         # the third axis of a plane is its normal; other grounds are taken for level
         is_plane = self.model.geom_type[ground or 0] == mujoco.mjtGeom.mjGEOM_PLANE
         self.ground = foreign.wheeled.data.geom_xmat[ground or 0][2::3] * is_plane
-        self.solver = f"{mujoco.mjtSolver(option.solver).name[6:]} with {option.iterations}"
-        self.step = option.timestep
-        self.impratio = option.impratio
         self.armature = float(self.model.dof_armature[self.dofs].max())
         self.softest = float(np.nanmin(self.of_wheels("gain"), initial=np.inf))
         flaws = [drum.flaw if drum is not None else "" for drum in foreign.drums]
@@ -87,9 +86,10 @@ class SlowTurn:
         return np.array([(one | other).get(key, np.nan) for one, other in numbers])
 
     def _passive_moments(self, yaw_rate: float) -> Mapping[str, tuple[FloatArray, float]]:
-        """Return what dampers, springs and a medium take in the turn, after a turn of the wheels.
+        """Return what dampers and springs take in the turn, after a turn of the wheels.
 
-        Each has the torques of the wheels and the moment about the vertical [N m].
+        Each has the torques of the wheels and the moment about the vertical [N m]. What a medium
+        takes of a drive ahead is kept as `drag` [N].
         """
         model = self.model
         data = mujoco.MjData(model)
@@ -101,9 +101,14 @@ class SlowTurn:
         data.qpos[model.jnt_qposadr[self.joints]] += 2.0 * np.pi
         mujoco.mj_forward(model, data)
         moments = {}
-        for name in ("damper", "spring", "fluid"):
+        for name in ("damper", "spring"):
             forces = np.abs(getattr(data, f"qfrc_{name}"))
             moments[name] = forces[self.dofs], float(forces[yaw] * is_free)
+        ahead = yaw - 5 * is_free
+        data.qvel[:] = 0.0
+        data.qvel[ahead] = self.fast * is_free
+        mujoco.mj_forward(model, data)
+        self.drag = abs(float(data.qfrc_fluid[ahead] * is_free))
         return moments
 
     def lost_rate(self, torque: FloatArray) -> FloatArray:

@@ -339,8 +339,8 @@ _INFLUENCES: Sequence[_Influence] = (
         "",
         "solver and iterations of <option>",
         SlowTurn.unsolved,
-        "{written} ({model.opt.iterations} sweeps) leave open {effect:.3g} N m of the ground's torque on "
-        "{wheels}: too few sweeps; take Newton, or more iterations" + _NEED,
+        "{written} ({model.opt.iterations} sweeps) leave open {effect:.3g} N m of the ground's "
+        "torque on {wheels}: too few sweeps; take Newton, or more iterations" + _NEED,
         over="need",
         mend="solver",
     ),

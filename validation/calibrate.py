@@ -343,7 +343,7 @@ def calibrate(o: Calibrate) -> Calibrated:
         opened[name], own, own_notes = choose_inputs(inspected, o.trust, cli.warn_user)
         inputs = [each for each in inputs if each in own]
         faults += found
-        sentences = [*(f"{fault.sentence}." for fault in found), *own_notes]
+        sentences = [*(fault.sentence for fault in found), *own_notes]
         notes += [f"{inspected.log.name}: {sentence}" for sentence in sentences]
     if not inputs:
         raise ValueError("no input, wheel rates or commands, is in all logs")

@@ -23,6 +23,16 @@ TICK = 0.01
 """Time between two instants at which something may happen [s]."""
 
 
+def distances_to_path(xy: FloatArray, path: FloatArray) -> FloatArray:
+    """Return the (M,) distances [m] of (M, 2) places from the segments of an (N, 2) polyline."""
+    steps = np.diff(path, axis=0)
+    lengths = np.maximum((steps**2).sum(axis=1), 1e-18)
+    offsets = xy[:, None] - path[:-1]
+    share = np.clip((offsets * steps).sum(axis=2) / lengths, 0.0, 1.0)
+    gaps = offsets - share[..., None] * steps
+    return np.asarray(np.hypot(gaps[..., 0], gaps[..., 1]).min(axis=1))
+
+
 @dataclass
 class Faults:
     """Faults of a drive: functions of the time since they began [s], which is negative before."""
@@ -83,14 +93,7 @@ class Driven:
 
     def off(self, since: float = 0.0) -> FloatArray:
         """Return the distances from the path [m]."""
-        xy = self.table(since)[:, 1:3]
-        path = self.follower.waypoints.xy
-        steps = np.diff(path, axis=0)
-        lengths = np.maximum((steps**2).sum(axis=1), 1e-18)
-        offsets = xy[:, None] - path[:-1]
-        share = np.clip((offsets * steps).sum(axis=2) / lengths, 0.0, 1.0)
-        gaps = offsets - share[..., None] * steps
-        return np.asarray(np.hypot(gaps[..., 0], gaps[..., 1]).min(axis=1))
+        return distances_to_path(self.table(since)[:, 1:3], self.follower.waypoints.xy)
 
     @property
     def took(self) -> float:

@@ -13,8 +13,8 @@ from ssmr.control.references import winding_path
 from validation.track import track
 
 
-@pytest.fixture(scope="module")
-def peers() -> ModuleType:
+def load_peers() -> ModuleType:
+    """Return the module of docs/ that drives the controllers of others."""
     path = Path(__file__).resolve().parents[1] / "docs" / "make_peers.py"
     spec = importlib.util.spec_from_file_location("make_peers", path)
     assert spec is not None
@@ -22,6 +22,11 @@ def peers() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def peers() -> ModuleType:
+    return load_peers()
 
 
 @pytest.mark.parametrize("name", ["MPPI, predictor", "the same, look-ahead halved", "mpc"])

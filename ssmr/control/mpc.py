@@ -1,4 +1,8 @@
-"""Linear time-varying model predictive control on the planar model.
+"""Linear time-varying model predictive control on the planar model, along a path.
+
+The references begin at the place of the path that is nearest to the robot, and go on by the path's
+speeds. The clock is a wish. The time at which commands act has a spread, and D contains what that
+makes of changes: its variance over h_k^2, times the curvature of the other costs.
 
 The plan knows the dead time, the lags, and the limits on commands and on their rates.
 At every command the robot is carried over its dead time (`ssmr.control.predictor`), so that the
@@ -18,6 +22,8 @@ Trans. Autom. Control 67, 2022).
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -34,6 +40,31 @@ from ssmr.types import FloatArray
 _STEP_PERIODS = 2
 """Command periods in a step of the plan; the first step is one period long, because its command is
 held no longer."""
+_CATCH_UP = 1.02
+"""Speed over that of the path of a robot that is behind its clock in a bend [1]."""
+_HASTE = 0.2
+"""The same where the path bends less than elsewhere, and of the greatest speed over the path's,
+each less 1 [1]."""
+_SLOWEST_RATE = 0.75
+"""Least speed over that of the path [1]."""
+_CATCH_TIME = 2.0
+"""Time in which the robot would make up for its distance to the clock's target [s]."""
+_BEHIND = 1.0
+"""Distance behind that target from which on a robot is faster again whose time is uncertain; at
+twice as much it is as fast as any [m]."""
+_CERTAIN = 0.03
+"""Spread of the time at which commands act up to which time is certain [s]: pushes and noise show
+as much."""
+_CLOCK_SPEED = 0.03
+"""Speed by which the clock draws the place on the path along where the robot does not say it
+[m/s]."""
+_JUMP = 0.6
+"""Greatest change of that place from one command to the next, but for its motion [s]."""
+_KEPT = 2.0
+"""Time constant with which errors of predictions are forgotten [s]."""
+_TURNING = 0.2
+"""Yaw rate [rad/s] below which headings say little about time. A second of it counts as one in
+which time was as certain as `Mpc.margin`."""
 
 _HEADING_TIME = 0.2
 """Time over which the target's heading is averaged [s]: waypoints turn it in jumps, more in one
@@ -172,6 +203,7 @@ def _condense_plan(
     steady: FloatArray,
     last: FloatArray,
     gains: Any,
+    doubts: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the quadratic program of a plan: H (2N, 2N) and f (2N,) of u' H u / 2 + f' u.
 
@@ -183,6 +215,7 @@ def _condense_plan(
             plan, and of each step.
         last: (2,) command before the plan.
         gains: the weights.
+        doubts: (N,) variance of the time at which each command acts, over its step squared.
     """
     n = len(plan)
     pose, slopes = motion
@@ -195,22 +228,27 @@ def _condense_plan(
     s = s[:, None]
     slope_along = c * slopes[0] + s * slopes[1]
     slope_across = c * slopes[1] - s * slopes[0]
+    # nothing moves a robot aside where its target stands
+    moves = steady[1:, :1] != 0.0
     terms = [
         (gains.q_along, error_along, slope_along),
-        (gains.q_across, error_across, slope_across),
+        (gains.q_across * moves, error_across, slope_across),
         (gains.q_heading, wrap_angle(off[:, 2]), slopes[2]),
     ]
     changes = np.eye(2 * n) - np.eye(2 * n, k=-2)
     r = np.tile([gains.r_v, gains.r_w], n)
-    d = np.tile([gains.d_v, gains.d_w], n)
+    # a command that acts later by dt moves the robot by slope (u_k-1 - u_k) dt / h
+    shares = sum((weight * slope**2).sum(axis=0) for weight, _, slope in terms)
+    d = np.tile([gains.d_v, gains.d_w], n) + np.repeat(doubts, 2) * shares
     steady_changes = np.diff(steady, axis=0)
     steady_changes[0] += last
     h = np.diag(r) + changes.T @ (d[:, None] * changes)
     f = -r * steady[1:].ravel()
     f -= changes.T @ (d * steady_changes.ravel())
     for weight, error, slope in terms:
-        h += weight * slope.T @ slope
-        f += weight * slope.T @ (error - slope @ plan.ravel())
+        weighted = weight * slope
+        h += weighted.T @ slope
+        f += weighted.T @ (error - slope @ plan.ravel())
     return 0.5 * (h + h.T), f
 
 
@@ -250,10 +288,12 @@ class Mpc:
         steps_v = [step_of(model.rate_v, model.push_v, model.lag, h) for h in lengths]
         steps_w = [step_of(model.rate_w, model.push_w, model.lag, h) for h in lengths]
         self._model = (_step_responses(steps_v), _step_responses(steps_w))
+        course = mission.waypoints.course()
+        fastest = float(course["v"].max())
         self._limits = np.array([model.v_max, model.w_max])
+        self._limits[0] = min(model.v_max, (1.0 + _HASTE) * fastest * float(self._steady[0]))
         accelerations = np.minimum([model.acceleration_v, model.acceleration_w], 1e6)
         self._changes = np.outer(self._lengths[1:], accelerations)
-        course = mission.waypoints.course()
         around = model.horizon + ends[-1] + _BEYOND
         end = course["t"][-1] + around
         self._times = np.concatenate([[-around], course["t"], [end]])
@@ -264,13 +304,72 @@ class Mpc:
         self._steps = np.eye(2 * n) - np.eye(2 * n, k=-2)
         self._solver: Any = daqp.Model()
         self._plan: FloatArray | None = None
+        self._fastest = fastest
+        self._bend = max(float(np.abs(course["w"]).max()), _TURNING)
+        self._place = self._acted_at = -math.inf
+        self._rate = 1.0
+        self._predicted = deque[tuple[float, float, float]]()
+        self._errors = self._turns = 0.0
         self.failures = 0
         """Number of programs that the solver could not solve; the plan before was carried on."""
+
+    def observe(self, now: ControllerInput) -> None:
+        """Learn from the robot's heading how far predictions are off.
+
+        Errors show whatever the predictor does not know: a dead time that changes, a side that
+        answers later than the other, motors that lag, ground that lets tyres slip. They grow with
+        the root of the time for which is predicted.
+        """
+        keep = math.exp(-self._mission.period / _KEPT)
+        if not now.past.any():  # a robot that was stopped did not go on as expected
+            self._predicted.clear()
+        while self._predicted and self._predicted[0][0] <= now.seen_at:
+            at, yaw, turned = self._predicted.popleft()
+            error = now.seen.yaw - now.seen.w * (now.seen_at - at) - yaw
+            self._errors = keep * self._errors + error**2
+            self._turns = keep * self._turns + turned
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the time at which commands act, by errors of headings [s]."""
+        known = _TURNING**2 / self._mission.period
+        return math.sqrt((self._errors + known * self.margin**2) / (self._turns + known))
+
+    def _follow_path(self, now: ControllerInput) -> FloatArray:
+        """Return the times of the path [s] for which the steps of a plan aim.
+
+        The plan begins at the place of the path that is nearest to the robot when the command acts,
+        wherever the clock's target is, and goes on from there by the path's speeds. The clock is a
+        wish: a robot behind it is faster, as far as the path's bends let it, and as time is
+        certain.
+        """
+        at = now.acts_at
+        place = at
+        if math.isfinite(self._place):
+            place = self._place + self._rate * (at - self._acted_at)
+        aim = self._mission.target(place)
+        dx = now.ahead.x - aim.x
+        dy = now.ahead.y - aim.y
+        along = dx * math.cos(aim.heading) + dy * math.sin(aim.heading) + self._mission.lookahead
+        step = along * aim.v / (aim.v**2 + _CLOCK_SPEED**2)
+        place += min(max(step, -_JUMP), _JUMP)
+        self._place = place
+        self._acted_at = at
+        bend = float(np.abs(self._mission.preview(place + self._edges)[:, 4]).max())
+        hurry = min(max((at - place) * self._fastest / _BEHIND - 1.0, 0.0), 1.0)
+        trust = min(_CERTAIN / self.spread, 1.0)
+        trust += hurry * (1.0 - trust)
+        room = _CATCH_UP * trust * self._bend / max(bend, 1e-9)
+        most = min(max(room, _SLOWEST_RATE), 1.0 + _HASTE * trust)
+        self._rate = min(max(1.0 + (at - place) / _CATCH_TIME, _SLOWEST_RATE), most)
+        return place + self._rate * self._edges
 
     def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the first command of the best plan."""
         driver = now.driver
-        times = now.acts_at + self._edges
+        times = self._follow_path(now)
+        share = (now.acts_at - now.seen_at) / (self._mission.dead_time + self.margin)
+        self._predicted.append((now.acts_at, now.ahead.yaw, now.ahead.w**2 * share))
         headings = self._mean_headings(times)
         aims = self._mission.preview(times)[:, :3]
         dx, dy = np.diff(aims[:, :2], axis=0).T
@@ -291,7 +390,10 @@ class Mpc:
             plan = np.vstack([later[:1], middles])
         motion = _planned_motion(now.ahead, driver, plan, self._model)
         last = now.past[-1]
-        h, f = _condense_plan(motion, plan, aims[2:], steady, last, self._gains)
+        doubts = (self.spread / self._lengths[1:]) ** 2
+        h, f = _condense_plan(
+            motion, plan, aims[2:], steady, last, gains=self._gains, doubts=doubts
+        )
         before = np.clip(last, -self._limits, self._limits)
         self._plan = self._solve(h, f, plan, before)
         return float(self._plan[0, 0]), float(self._plan[0, 1])

@@ -61,7 +61,7 @@ _SAME_CLOCK = 5.0
 """Greatest difference between the stamps of a tracking system and of the feedback, if they are of
 one clock [s]."""
 _ASTRAY = 0.5
-"""Greatest distance from the target, beyond the look-ahead [m]."""
+"""Greatest distance from the path, beyond the look-ahead [m]."""
 _ANSWER = 0.5
 """Time after its dead time within which a robot that starts has its speed [s]."""
 _NEAR = 0.05
@@ -72,7 +72,7 @@ straight path can be found."""
 _AT_REST = 0.02
 """Distance of the last waypoint at which it may rest [m]."""
 _SETTLING = 3.0
-"""Longest time for which the robot is driven behind the end until it rests [s]."""
+"""Longest time for which a robot that comes no nearer to its end is driven on after it [s]."""
 _AROUND = 2.0
 """Time about that of the hold within which a held robot's place on its path lies [s]."""
 DEAF = 10.0
@@ -156,7 +156,7 @@ class PathFollower:
         self._clock = SenderClock()
         self._arrival = self._stamp = -math.inf
         self._fresh = self._repeated = 0
-        self._begin = self._t = 0.0
+        self._begin = self._t = self._place = self._advanced_at = 0.0
         self._at = self._on_reference = INITIAL_STATE.seen
         self._to_reference = np.zeros(3)
         self._yaw = 0.0
@@ -230,7 +230,7 @@ class PathFollower:
 
         Raises:
             StoppedError: the sender's clock jumped, the signals contradict each other, the robot
-                was held for too long, or it is farther from its target than it may be.
+                was held for too long, or it is farther from its path than it may be.
             ControllerError: the controller failed.
         """
         dt = stamp - self._stamp
@@ -282,22 +282,37 @@ class PathFollower:
 
     def _go_on(self, t: float, seen: Observation) -> None:
         """Judge where the robot is on the reference: astray, near its target, or at its rest."""
+        place, off = self._nearest_place(self._place, seen.x, seen.y)
+        if place > self._place or t < self.waypoints.duration:
+            self._advanced_at = t
+        self._place = max(place, self._place)
+        if off > _ASTRAY + self.lookahead:
+            raise StoppedError(
+                f"the robot is {off:.2f} m from its path at t = {t:.2f} s (at most {_ASTRAY:g} m)"
+            )
         aim = self._side.state.target
         away = math.hypot(seen.x - aim.x, seen.y - aim.y)
-        if away > _ASTRAY + self.lookahead:
-            raise StoppedError(
-                f"the robot is {away:.2f} m from its target at t = {t:.2f} s "
-                f"(at most {_ASTRAY:g} m)"
-            )
         if t > self._gently_until and away <= _NEAR + self.lookahead:
             self._gently = False
         if t > _SETTLING:  # motors at their limit at a start are no lateness
             learnt_delay = float(self._side.tracker.predictor_state[LEARNT])
             self.late = learnt_delay + self._clock.lateness
-        behind = t - self.waypoints.duration
         rests = self._speed_of(seen.v, seen.w) < _MOVING and away <= _AT_REST + self.lookahead
-        if behind >= _SETTLING or (behind >= -1e-9 and rests):
+        ended = t >= self.waypoints.duration - 1e-9
+        if t - self._advanced_at >= _SETTLING or (ended and rests):
             self.phase = "arrived"
+
+    def _nearest_place(self, t: float, x: float, y: float) -> tuple[float, float]:
+        """Return the time of the path's place nearest to a point [m], and its distance [m].
+
+        That is looked for about the time `t` [s]; a path may cross itself.
+        """
+        around = np.arange(-_AROUND, _AROUND, 0.01)
+        times = np.clip(t + around, 0.0, self.waypoints.duration)
+        aims = targets_at(self._side.tracker.course, times)
+        distances = np.hypot(aims[:, 0] - x, aims[:, 1] - y)
+        nearest = int(np.argmin(distances))
+        return float(times[nearest]), float(distances[nearest])
 
     def _speed_of(self, v: float, w: float) -> float:
         """Return the speed [m/s] of the faster side's wheels, but for the sign of the bend."""
@@ -368,10 +383,8 @@ class PathFollower:
         """Go on from the place of the path that is nearest to the robot, which stands there."""
         self._yaw += float(wrap_angle(seen.yaw - self._yaw))
         place = compose_poses(self._to_reference, np.array([seen.x, seen.y, self._yaw]))
-        around = np.arange(-_AROUND, _AROUND, 0.01)
-        times = np.clip(self._t + around, 0.0, self.waypoints.duration)
-        aims = targets_at(self._side.tracker.course, times)[:, :2]
-        t = float(times[np.argmin(np.hypot(*(aims - place[:2]).T))])
+        x, y, yaw = map(float, place)
+        t, _ = self._nearest_place(self._place, x, y)
         while self._times and self._times[-1] >= t:
             self._times.pop()
             self._rows.pop()
@@ -379,7 +392,6 @@ class PathFollower:
         while self._poses and self._poses[-1][0] - self._begin >= t:
             self._poses.pop()
         tracker = self._side.tracker
-        x, y, yaw = map(float, place)
         at = Observation(x, y, yaw, 0.0, 0.0)
         stop_model(tracker.past, tracker.predictor_state, t, at)
         self._supervisor.restart()

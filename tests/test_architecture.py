@@ -433,10 +433,11 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        69_500,
+        70_000,
         66,
         266,
-        "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
+        "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on; "
+        "a plan that keeps to its path where time is uncertain",
     ),
     "validation/cli": Price(
         7_000,

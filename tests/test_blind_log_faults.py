@@ -322,8 +322,13 @@ def stand_still(log: Log, rng: np.random.Generator, *, seconds: float) -> None:
     """The robot stands for a while, and nothing but its wheels goes on."""
     rows, rate = choose_while(log, seconds)
     first, last = np.flatnonzero(rows)[[0, -1]]
-    for name in POSE:
-        values = fill_column(log, name)
+    poses = {name: fill_column(log, name) for name in POSE}
+    # the robot goes on with the heading that it has kept
+    back = np.exp(1j * (poses["yaw"][first] - poses["yaw"][last]))
+    place = poses["x"] + 1j * poses["y"]
+    place[last + 1 :] = place[last] + back * (place[last + 1 :] - place[last])
+    poses |= {"x": place.real, "y": place.imag}
+    for name, values in poses.items():
         noise = values - uniform_filter1d(values, 7)
         values[last + 1 :] -= values[last] - values[first]
         values[rows] = values[first] + noise[rows]

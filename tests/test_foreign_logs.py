@@ -214,6 +214,12 @@ def averaged(c: Columns) -> Columns:
     return {**c, **{n: np.convolve(c[n], mean, mode="same") for n in ("x", "y", "yaw")}}
 
 
+def wrapped(c: Columns) -> Columns:
+    """A gyro that goes on at the other end of two thirds of its range."""
+    most = float(np.max(np.abs(c["gyro_z"]))) * 2.0 / 3.0
+    return {**c, "gyro_z": (c["gyro_z"] + most) % (2.0 * most) - most}
+
+
 def on_a_stone(c: Columns) -> Columns:
     """The left wheels turn three times as fast in a third of the time."""
     third = len(c["t"]) // 3
@@ -287,6 +293,18 @@ INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
     "swapped from half on": (
         "swapped",
         from_half_on(lambda c: {**c, "enc_left": c["enc_right"], "enc_right": c["enc_left"]}),
+    ),
+    "a gyro whose clock is fast": (
+        "clock",
+        lambda c: {**c, "gyro_z": np.interp(1.03 * c["t"], c["t"], c["gyro_z"])},
+    ),
+    "a gyro that wraps": ("counter", wrapped),
+    "a gyro that is held": (
+        "frozen",
+        lambda c: {
+            **c,
+            "gyro_z": c["gyro_z"][np.searchsorted(c["t"], np.floor(0.5 * c["t"]) / 0.5)],
+        },
     ),
     "a gear of 22": ("scale", lambda c: {**c, **{name: 22.0 * c[name] for name in WHEELS}}),
 }

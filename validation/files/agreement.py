@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ssmr.types import FloatArray
+from validation.files.columns import column_of
 from validation.files.motion import ENCODERS, STOCK, motion_by_sensor
 from validation.files.sensors import Means, Signals
 from validation.files.signals import correlation
@@ -107,8 +108,6 @@ class Agreement:
 
     signals: Signals
     means: Means
-    kernels: Mapping[str, FloatArray]
-    """By sensor, what others are smoothed with before it is compared."""
     known: Mapping[tuple[str, str, str], SignalPair]
     """Pairs that are as they were."""
     untold: float = UNTOLD
@@ -117,21 +116,20 @@ class Agreement:
     @classmethod
     def of_log(cls, signals: Signals) -> Agreement:
         """Return what a log tells as it stands."""
-        return cls(signals, signals.means, {}, {})
+        return cls(signals, signals.means, {})
 
-    def but(
-        self, columns: Mapping[str, FloatArray], kernels: Mapping[str, FloatArray] | None = None
-    ) -> Agreement:
-        """Return the same with other means of some columns, or with sensors that smooth."""
+    def but(self, columns: Mapping[str, FloatArray]) -> Agreement:
+        """Return the same with other means of some columns; a heading follows its yaw rate."""
+        if "yaw" in columns and "heading" not in columns:
+            steps = np.nan_to_num(columns["yaw"] - self.means["yaw"])
+            turned = np.cumsum(steps * np.gradient(self.signals.windows.t))
+            columns = {**columns, "heading": self.means["heading"] + turned}
         changed = {*columns}
-        for sensor in kernels or {}:
-            changed |= {*_TURNS[sensor].columns, *_WAYS.get(sensor, _TURNS[sensor]).columns}
         known = {}
         for pair in self.pairs:
             if not changed & pair.columns:
                 known[pair.what, pair.a, pair.b] = pair
-        means = {**self.means, **columns}
-        return Agreement(self.signals, means, {**self.kernels, **(kernels or {})}, known)
+        return replace(self, means={**self.means, **columns}, known=known)
 
     @property
     def period(self) -> float:
@@ -154,6 +152,20 @@ class Agreement:
         """Where commands are not zero: elsewhere a joystick may drive."""
         asked = [self.means[name] for name in ("cmd_v", "cmd_w") if name in self.means]
         return np.any(np.nan_to_num(asked, nan=1.0) != 0.0, axis=0)
+
+    def basis_of(self, name: str) -> FloatArray | None:
+        """Return (N, k) rates of which others make a column, each times a factor; None without."""
+        parts = []
+        for told, bounds in zip(self.told, (_WAYS, _TURNS), strict=True):
+            own = column_of(name).group
+            rates = [told[sensor] for sensor in bounds if sensor != own and sensor in told]
+            if name in ENCODERS or any(name in each.columns for each in bounds.values()):
+                if not rates:
+                    return None
+                parts.append(np.nan_to_num(rates[0]))
+        if name in ("x", "y") and "heading" in self.means:
+            parts[0] = parts[0] * (np.cos if name == "x" else np.sin)(self.means["heading"])
+        return np.column_stack(parts)
 
     @cached_property
     def pairs(self) -> tuple[SignalPair, ...]:
@@ -185,13 +197,6 @@ class Agreement:
         noise = self.signals.noise if sensor == "pose" else {}
         return noise.get("yaw" if what == "turn" else "x", 0.0)
 
-    def _blur(self, values: FloatArray, sensor: str) -> FloatArray:
-        kernel = self.kernels.get(sensor)
-        if kernel is None:
-            return values
-        half = len(kernel) // 2
-        return np.convolve(np.pad(values, half, mode="edge"), kernel, mode="valid")
-
     def _compared(
         self,
         what: str,
@@ -204,24 +209,16 @@ class Agreement:
         columns = frozenset({*one.columns, *other.columns})
         if what == "way" and "pose" in (a, b):
             columns |= {"heading"}
-        x = self._blur(told[a], b)
-        y = self._blur(told[b], a)
         if what == "way" and self.signals.radius is None:
             one, other = (_of_any_wheel(each) for each in (one, other))
         usual = one.ratios[1] / other.ratios[1]
         low = usual * math.exp(-math.hypot(*_reach(one)[:1], *_reach(other)[1:]))
         high = usual * math.exp(math.hypot(*_reach(one)[1:], *_reach(other)[:1]))
-        both = np.isfinite(x) & np.isfinite(y)
-        cost = np.full(len(x), math.nan)
-        names = {
-            *one.columns,
-            *other.columns,
-            *(("heading",) * ("pose" in (a, b) and what == "way")),
-        }
-        columns = frozenset(names)
+        both = np.isfinite(told[a]) & np.isfinite(told[b])
+        cost = np.full(len(both), math.nan)
         if np.count_nonzero(both) < 10:
             return SignalPair(what, a, b, columns, 1.0, cost)
-        x, y = x[both], y[both]
+        x, y = told[a][both], told[b][both]
         noise = math.hypot(self._noise(a, what), self._noise(b, what))
         share = math.hypot(one.share, other.share)
         late = max(one.late, other.late)
@@ -297,10 +294,14 @@ def _reach(bounds: _Bounds) -> tuple[float, float]:
     return math.log(typical / least), math.log(most / typical)
 
 
+def columns_of(what: str, sensor: str) -> tuple[str, ...]:
+    """Return the columns by which a sensor tells turns or ways."""
+    return (_TURNS if what == "turn" else _WAYS)[sensor].columns
+
+
 def is_ordinary(what: str, sensor: str, factor: float) -> bool:
     """Return whether a sensor may tell a rate times such a factor of the typical one."""
-    bounds = (_TURNS if what == "turn" else _WAYS)[sensor]
-    below, above = _reach(bounds)
+    below, above = _reach((_TURNS if what == "turn" else _WAYS)[sensor])
     return -below < math.log(factor) < above
 
 

@@ -1,32 +1,42 @@
-"""What may be wrong in a log: hypotheses that compete to explain it.
+"""What may be wrong in a log: mistakes times the signals that they may be in.
 
-Each changes some columns, by which one mistake is undone, for the whole log or for a part of it.
-The one after which all signals agree best is named, if it beats those that blame other columns by
-enough; else the log cannot say which of them is wrong.
+Each row of a table is one mistake, written once for every signal. It undoes the mistake from what
+the other sensors tell of that signal, and the judge of `explanation` sees how well all agree after.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
+from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray
-from validation.files.agreement import Agreement, is_ordinary
+from validation.files.agreement import Agreement, columns_of, is_ordinary
 from validation.files.columns import POSE_COLUMNS, UNITS, column_of
-from validation.files.motion import ENCODERS, ODOMETRY, RATES, STOCK, TWIST, Way
-from validation.files.sensors import FEWEST_WINDOWS, LONGEST_S
-from validation.files.signals import correlation, sturdy_fit
+from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST, Way
+from validation.files.sensors import FEWEST_WINDOWS
+from validation.files.signals import explain_share, find_peak, sturdy_fit
+
+Columns = tuple[str, ...]
+PLACE = ("x", "y")
+SUBJECTS: tuple[Columns, ...] = (
+    *(("gyro_z",), ("yaw",), PLACE, POSE_COLUMNS, ENCODERS, ODOMETRY, TWIST),
+    *((name,) for name in (*ENCODERS, *ODOMETRY, *TWIST)),
+)
+"""Columns that a mistake may be in at once."""
 
 
 class Idea(NamedTuple):
     """A hypothesis, as far as a log tells it."""
 
     kind: str
-    columns: tuple[str, ...]
+    columns: Columns
     """Columns that it blames."""
     words: str
     """Sentence on it."""
@@ -34,189 +44,211 @@ class Idea(NamedTuple):
     """What the log tells without the mistake."""
     freedom: float = 1.0
     """Number of parameters that are fitted for it."""
-    parts: bool = False
+    parts: bool = True
     """Whether it may hold for a part of a log."""
 
 
+def join_names(names: Sequence[str], verb: str = "seem") -> str:
+    """Return the subject and the verb of a sentence on columns."""
+    return f"{' and '.join(names)} {verb}{'s' * (len(names) == 1)}"
+
+
+def fit_factors(basis: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the (k,) factors of (N, k) rates that sum up to (N,) values where all are known.
+
+    They are zeros where too little is.
+    """
+    known = np.isfinite(basis).all(axis=1) & np.isfinite(values)
+    if np.count_nonzero(known) < FEWEST_WINDOWS // 2:
+        return np.zeros(basis.shape[1])
+    return sturdy_fit(basis[known], values[known])
+
+
+def _bases_of(e: Agreement, names: Columns) -> dict[str, FloatArray]:
+    """Return by column what others tell of it; of a whole pose, by its yaw alone."""
+    bases = {}
+    for name in names if "yaw" not in names else ("yaw",):
+        basis = e.basis_of(name)
+        if basis is None:
+            return {}
+        bases[name] = basis
+    return bases
+
+
 # ------------------------------------------------------------------------------------------ places
-class _Swap(NamedTuple):
-    """Columns that are others, or have another sign."""
-
-    kind: str
-    columns: tuple[str, ...]
-    words: str
-    sources: Mapping[str, tuple[str, float]]
-    """Columns that change: the column that each is made of, and the factor [1]."""
-    rotation: float = 0.0
-    """Angle that is added to the heading after that [rad]."""
+_Sources = Mapping[str, Mapping[str, float]]
+"""Columns that change: by column the factors of those that it is made of [1]."""
 
 
-def _negated(*names: str) -> Mapping[str, tuple[str, float]]:
-    return {name: (name, -1.0) for name in names}
+def _list_swaps() -> Iterator[tuple[str, Columns, str, _Sources, float]]:
+    """Yield kinds, columns, words, what they are made of, and a turn of the heading [rad]."""
 
+    def signed(*names: str) -> _Sources:
+        return {name: {name: -1.0} for name in names}
 
-def _list_swaps() -> Iterator[_Swap]:
-    left, right = ENCODERS
     negative = "to have the wrong sign"
-    for names in (ENCODERS, TWIST, ODOMETRY, *((name,) for name in (*RATES, "yaw"))):
-        yield _Swap("sign", names, negative, _negated(*names))
+    for names in SUBJECTS:
+        if names[0] not in POSE_COLUMNS or names == ("yaw",):
+            yield "sign", names, negative, signed(*names), 0.0
     backwards = "to be half a turn apart: the robot drives backwards"
-    yield _Swap("sign", POSE_COLUMNS, backwards, _negated("x", "y"))
-    for a, b in (ENCODERS, ("x", "y"), TWIST, ODOMETRY):
-        yield _Swap("swapped", (a, b), "to be swapped", {a: (b, 1.0), b: (a, 1.0)})
-    crossed = {left: (right, -1.0), right: (left, -1.0)}
-    yield _Swap("swapped", ENCODERS, "to be swapped and negative", crossed)
+    yield "sign", POSE_COLUMNS, backwards, signed(*PLACE), 0.0
+    for a, b in (ENCODERS, PLACE, TWIST, ODOMETRY):
+        yield "swapped", (a, b), "to be swapped", {a: {b: 1.0}, b: {a: 1.0}}, 0.0
+    left, right = ENCODERS
+    crossed = {left: {right: -1.0}, right: {left: -1.0}}
+    yield "swapped", ENCODERS, "to be swapped and negative", crossed, 0.0
+    v, w = TWIST
+    for size in (1.0, STOCK.radius):
+        half = 0.5 * size
+        turn = half / STOCK.half_track
+        sides = {v: {v: half, w: half}, w: {v: -turn, w: turn}}
+        yield "swapped", TWIST, "to command the left and the right wheels", sides, 0.0
     for names in (("y",), ("x",), ("y", "yaw")):
-        what = f"{negative}: the frame is left-handed"
-        yield _Swap("handedness", names, what, _negated(*names))
+        yield "handedness", names, f"{negative}: the frame is left-handed", signed(*names), 0.0
     quarter = 0.5 * math.pi
     off = "to be a quarter turn off"
     compass = "to turn clockwise from north, as a compass"
     for sign, turn, what in ((-1.0, quarter, compass), (1.0, -quarter, off), (1.0, quarter, off)):
-        yield _Swap("handedness", ("yaw",), what, {"yaw": ("yaw", sign)}, turn)
+        yield "handedness", ("yaw",), what, {"yaw": {"yaw": sign}}, turn
 
 
-def _swapped_columns(e: Agreement) -> Iterator[Idea]:
+def _swapped_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
     """Signs, places and frames."""
-    for swap in _list_swaps():
-        if not swap.sources.keys() <= e.means.keys():
+    for kind, blamed, words, sources, rotation in _list_swaps():
+        if blamed != names or not sources.keys() <= e.means.keys():
             continue
         changed = {}
-        for name, (source, factor) in swap.sources.items():
-            changed[name] = factor * e.means[source]
-        if "yaw" in swap.sources:
-            changed["heading"] = swap.sources["yaw"][1] * e.means["heading"] + swap.rotation
-        words = f"{seem(swap.columns)} {swap.words}"
-        yield Idea(swap.kind, swap.columns, words, e.but(changed), 1.0, parts=True)
+        for name, parts in sources.items():
+            made = [factor * e.means[source] for source, factor in parts.items()]
+            changed[name] = np.sum(made, axis=0)
+        if "yaw" in sources:
+            changed["heading"] = sources["yaw"]["yaw"] * e.means["heading"] + rotation
+        yield Idea(kind, names, f"{join_names(names)} {words}", e.but(changed))
 
 
-def seem(names: Sequence[str]) -> str:
-    """Return the subject and the verb of a sentence on columns."""
-    return f"{' and '.join(names)} seem{'s' * (len(names) == 1)}"
-
-
-def _turned_path(e: Agreement) -> Iterator[Idea]:
-    """A path at an angle to its heading, or counted along the robot."""
-    if not {*POSE_COLUMNS} <= e.means.keys():
-        return
-    x, y, heading = (e.means[name] for name in ("x", "y", "heading"))
-    step = x + 1j * y
-    ahead = np.sign(_way_of_others(e, "pose", x * np.cos(heading) + y * np.sin(heading)))
-    off = ahead * step * np.exp(-1j * heading)
-    moves = np.abs(step) > 0.2 * np.percentile(np.abs(step), 90.0)
-    wrong = moves & (np.abs(np.angle(off)) > math.radians(8.0))
+def _path_angle(e: Agreement, heading: FloatArray) -> float | None:
+    """Return the angle from headings to the path [rad]; None where it is none, or unusual."""
+    step = e.means["x"] + 1j * e.means["y"]
+    along = np.real(step * np.exp(-1j * heading))
+    bases = _bases_of(e, PLACE)
+    if bases:
+        ways = np.hstack([*bases.values()]) @ [1.0, 1.0j]
+        along = np.real(ways * np.exp(-1j * e.means["heading"]))
+    off = np.sign(along) * step * np.exp(-1j * heading)
+    wrong = np.abs(step) > 0.2 * np.percentile(np.abs(step), 90.0)
+    wrong &= np.abs(np.angle(off)) > _ANGLE
     # a localiser ahead of the middle moves sideways in turns
     wrong &= np.abs(e.means["yaw"]) < 2.0 * np.abs(step)
-    if np.count_nonzero(wrong) > 10:
-        angle = float(np.median(np.unwrap(np.angle(off[wrong] / np.sum(off[wrong])))))
-        angle += float(np.angle(np.sum(off[wrong])))
-        degrees = abs(math.degrees(math.remainder(angle, math.tau)))
+    if np.count_nonzero(wrong) <= 10:
+        return None
+    main = np.sum(off[wrong]) or 1.0
+    return float(np.angle(main) + np.median(np.angle(off[wrong] / main)))
+
+
+_ANGLE = math.radians(8.0)
+"""Angle between path and heading from which it is unusual [rad]."""
+
+
+def _turned_path(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """A path at an angle to its heading, or counted along the robot."""
+    heading = e.means["heading"]
+    angle = _path_angle(e, heading)
+    if angle is not None and abs(math.remainder(angle, 0.5 * math.pi)) > _ANGLE:
         words = (
-            f"path and heading are {degrees:.0f} deg apart: the localiser is mounted at an angle, "
-            "or x, y and yaw are of different frames"
+            f"path and heading are {abs(math.degrees(math.remainder(angle, math.tau))):.0f} deg "
+            "apart: the localiser is mounted at an angle, or x, y and yaw are of different frames"
         )
-        if abs(math.remainder(angle, 0.5 * math.pi)) > math.radians(8.0):
-            turned = e.but({"heading": heading + angle})
-            yield Idea("frame", POSE_COLUMNS, words, turned, 2.0, parts=True)
+        yield Idea("frame", names, words, e.but({"heading": heading + angle}), 2.0)
     if np.ptp(heading) > 1.5:
         words = (
             "x grows and y does not, wherever the robot heads: they are counted along the robot, "
             "not in a fixed frame"
         )
-        fixed = step * np.exp(1j * heading)
-        yield Idea("frame", ("x", "y"), words, e.but({"x": fixed.real, "y": fixed.imag}), 1.0)
+        fixed = (e.means["x"] + 1j * e.means["y"]) * np.exp(1j * heading)
+        yield Idea("frame", PLACE, words, e.but({"x": fixed.real, "y": fixed.imag}), parts=False)
 
 
-def _way_of_others(e: Agreement, sensor: str, otherwise: FloatArray) -> FloatArray:
-    """Return the speed by another sensor, or what stands for it where there is none."""
-    speeds = e.told[0]
-    others = [name for name in ("pose", "odom", "wheels", "cmd") if name in speeds]
-    told = next((speeds[name] for name in others if name != sensor), otherwise)
-    return np.where(np.isfinite(told), told, otherwise)
+def _curved_rates(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Yaw rates that are curvatures of the path."""
+    v, w = names
+    words = f"{w} follows the curvature of the path: times {v} it tells the turn"
+    turned = e.but({w: e.means[v] * e.means[w]})
+    yield Idea("curvature", (w,), words, turned, parts=False)
 
 
-def fit_factors(columns: Sequence[FloatArray], values: FloatArray) -> FloatArray:
-    """Return the factors of K columns that sum up to (N,) values where all are known.
-
-    They are zeros where too little is.
-    """
-    design = np.column_stack(columns)
-    known = np.isfinite(design).all(axis=1) & np.isfinite(values)
-    if np.count_nonzero(known) < FEWEST_WINDOWS // 2:
-        return np.zeros(design.shape[1])
-    return sturdy_fit(design[known], values[known])
+def _unsigned_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Columns that tell no direction: never negative, although the robot drives backwards."""
+    raw = [e.signals.log.columns[name] for name in names]
+    if any(values.min() < -0.01 * values.max() for values in raw):
+        return
+    changed = dict[str, FloatArray]()
+    for name, basis in _bases_of(e, names).items():
+        # of a side of wheels, the direction is that of v -+ b w
+        levers = np.linspace(-1.5, 1.5, 31) if basis.shape[1] > 1 else np.zeros(1)
+        ahead = np.sign(basis[:, :1] + basis[:, -1:] * levers)
+        told = ahead * e.means[name][:, None]
+        changed[name] = told[:, np.argmax(explain_share(told, basis, [0]))]
+    words = (
+        f"{join_names(names, 'tell')} no direction: never negative, although the other signals say "
+        "that the robot turns or drives backwards"
+    )
+    yield Idea("sign", names, words, e.but(changed), -1.0, parts=False)
 
 
 # ------------------------------------------------------------------------------------------ units
-_SENSORS: Mapping[tuple[str, ...], tuple[tuple[str, str], ...]] = {
-    ("yaw",): (("turn", "pose"),),
-    ("gyro_z",): (("turn", "imu"),),
-    ("odom_w",): (("turn", "odom"),),
-    ("cmd_w",): (("turn", "cmd"),),
-    ("x", "y"): (("way", "pose"),),
-    ("odom_v",): (("way", "odom"),),
-    ("cmd_v",): (("way", "cmd"),),
-    ENCODERS: (("turn", "wheels"), ("way", "wheels")),
-}
-"""What columns tell, and by which sensor."""
-
-
-def _told(names: tuple[str, ...], e: Agreement) -> Iterator[tuple[str, float, str]]:
-    """Yield by each pair what columns tell, their factor, and by which sensor that is told."""
-    for what, sensor in _SENSORS[names]:
-        for pair in e.pairs:
-            if pair.what == what and sensor in (pair.a, pair.b):
-                first = sensor == pair.a
-                other = pair.b if first else pair.a
-                yield what, (pair.factor if first else 1.0 / pair.factor), other
-
-
-def _other_units(e: Agreement) -> Iterator[Idea]:
-    """Columns that are a factor too large or too small."""
-    for names in _SENSORS:
-        if not {*names} <= e.means.keys():
-            continue
-        told = [(what, f, by) for what, f, by in _told(names, e) if 1e-7 < f < 1e9]
-        odd = [f for what, f, _ in told if not is_ordinary(what, _SENSORS[names][0][1], f)]
-        for factor in {f"{f:.2g}": f for f in odd}.values():
-            changed = {name: e.means[name] / factor for name in names}
-            if names == ("yaw",):
-                changed["heading"] = e.means["heading"] / factor
-            words = _words_of_unit(names, told, factor, e)
-            # wheels have any radius and any gear; of others, an odd factor is less likely
-            likely = names == ENCODERS or bool(_fitting_unit(names, factor, e.signals.radius))
-            yield Idea("scale", names, words, e.but(changed), 2.0 if likely else 4.0, parts=True)
-
-
-_PRECISIONS: Mapping[tuple[str, ...], float] = {
-    ENCODERS: 0.08,
-    ("x", "y"): 0.08,
+_PRECISIONS: Mapping[Columns, float] = {
     ("yaw",): 0.03,
     ("gyro_z",): 0.03,
     ("odom_w",): 0.1,
-    ("odom_v",): 0.1,
     ("cmd_w",): 0.2,
+    PLACE: 0.08,
+    ("odom_v",): 0.1,
     ("cmd_v",): 0.12,
+    ENCODERS: 0.08,
 }
 """How well the factor of columns that are in another unit is known [1]."""
-_COLUMNS_OF = {("turn", "imu"): "gyro_z", ("turn", "pose"): "yaw", ("way", "pose"): "x and y"}
-_COLUMNS_OF |= {("turn", "odom"): "odom_w", ("way", "odom"): "odom_v"}
-_COLUMNS_OF |= {("turn", "cmd"): "cmd_w", ("way", "cmd"): "cmd_v"}
-_COLUMNS_OF |= dict.fromkeys((("turn", "wheels"), ("way", "wheels")), " and ".join(ENCODERS))
+
+
+def _told(names: Columns, e: Agreement) -> Iterator[tuple[str, float, str]]:
+    """Yield by each pair what columns tell, their factor, and by which sensor that is told."""
+    sensor = column_of(names[0]).group
+    for pair in e.pairs:
+        if sensor in (pair.a, pair.b) and {*names} <= pair.columns and pair.a != pair.b:
+            first = sensor == pair.a
+            factor = pair.factor if first else 1.0 / pair.factor
+            # the yaw is in no way
+            if names != ("yaw",) or pair.what == "turn":
+                yield pair.what, factor, pair.b if first else pair.a
+
+
+def _other_units(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Columns that are a factor too large or too small."""
+    told = [(what, f, by) for what, f, by in _told(names, e) if 1e-7 < f < 1e9]
+    odd = [f for what, f, _ in told if not is_ordinary(what, column_of(names[0]).group, f)]
+    for factor in {f"{f:.2g}": f for f in odd}.values():
+        changed = {name: e.means[name] / factor for name in names}
+        if names == ("yaw",):
+            heading = e.means["heading"] / factor
+            changed["heading"] = heading
+            if {*PLACE} <= e.means.keys():
+                changed["heading"] = heading + (_path_angle(e, heading) or 0.0)
+        words = _words_of_unit(names, told, factor, e)
+        # wheels have any radius and any gear; of others, an odd factor is less likely
+        likely = names == ENCODERS or bool(_fitting_unit(names, factor, e.signals.radius))
+        yield Idea("scale", names, words, e.but(changed), 2.0 if likely else 4.0)
 
 
 def _words_of_unit(
-    names: tuple[str, ...], told: Sequence[tuple[str, float, str]], factor: float, e: Agreement
+    names: Columns, told: Sequence[tuple[str, float, str]], factor: float, e: Agreement
 ) -> str:
     """Return words for the factor of columns, and for the unit that they may be in."""
     radius = e.signals.radius
-    tell = "tells" if len(names) == 1 else "tell"
     near = dict[str, tuple[float, str]]()
     for what, f, by in told:
         # of several, the most exact one stands first
-        near.setdefault(what, (f, _COLUMNS_OF[what, by]))
+        near.setdefault(what, (f, " and ".join(columns_of(what, by))))
     parts = [f"{f:.3g} times the {what} that {by} say" for what, (f, by) in near.items()]
-    words = f"{' and '.join(names)} {tell} {', and '.join(parts)}"
+    words = f"{join_names(names, 'tell')} {', and '.join(parts)}"
     factor = next(iter(near.values()))[0]
     unit = _fitting_unit(names, factor, radius)
     if unit:
@@ -227,8 +259,7 @@ def _words_of_unit(
         return f"{words}: its scale is off"
     if names != ENCODERS:
         return f"{words}: is it in another unit?"
-    factors = [f for f, _ in near.values()]
-    gears = sorted({float(f"{max(f, 1.0 / f):.1g}") for f in factors})
+    gears = sorted({float(f"{max(f, 1.0 / f):.1g}") for f, _ in near.values()})
     gear = " to ".join(f"{gear:g}" for gear in gears)
     wheel = f"wheels of another radius than {radius or STOCK.radius:.3g} m"
     if "way" in near:
@@ -236,7 +267,7 @@ def _words_of_unit(
     return f"{words}: ticks, a gear of about {gear}, or {wheel}?"
 
 
-def _fitting_unit(names: tuple[str, ...], factor: float, radius: float | None) -> str:
+def _fitting_unit(names: Columns, factor: float, radius: float | None) -> str:
     """Return the unit that a factor fits to its precision, as no other does; nothing for none."""
     precision = _PRECISIONS[names]
     base = column_of(names[0]).unit
@@ -255,276 +286,501 @@ def _fitting_unit(names: tuple[str, ...], factor: float, radius: float | None) -
     return away[0][1] if away and away[0][0] < precision and alone else ""
 
 
-def _one_axis(e: Agreement) -> Iterator[Idea]:
+def _one_of_two(e: Agreement, names: Columns) -> Iterator[Idea]:
     """One of x and y in another unit, or one of the two sides of wheels."""
-    speeds, turns = e.told
-    way = next((speeds[name] for name in ("odom", "wheels", "cmd") if name in speeds), None)
-    if way is not None and {"x", "y"} <= e.means.keys():
-        sizes = fit_factors([e.means["x"] ** 2, e.means["y"] ** 2], way**2)
-        if np.all(sizes > 0.0):
-            for name, factor in (("x", sizes[1] / sizes[0]), ("y", sizes[0] / sizes[1])):
-                factor = math.sqrt(factor)
-                rounded = float(f"{factor:.1g}")
-                unit = _fitting_unit(("x", "y"), rounded, 1.0)
-                unit = f": it seems to be in {unit}" if unit else ""
-                words = (
-                    f"{name} tells some {rounded:g} times the way that the other axis says{unit}"
-                )
-                yield Idea("scale", (name,), words, e.but({name: e.means[name] / factor}), 2.0)
-    if e.signals.wheels is None or "pose" not in speeds:
+    bases = _bases_of(e, names).items()
+    factors = [abs(fit_factors(basis, e.means[name])[0]) for name, basis in bases]
+    if not min(factors, default=0.0) > 1e-9:
         return
-    sides = np.array([e.means[name] for name in ENCODERS])
-    factors = np.array([fit_factors([speeds["pose"], turns["pose"]], side)[0] for side in sides])
-    if np.all(np.abs(factors) > 1e-9):
-        for k, name in enumerate(ENCODERS):
-            ratio = float(abs(factors[k] / factors[1 - k]))
-            if abs(math.log(ratio)) < 0.3:
-                continue
-            other = ENCODERS[1 - k]
-            words = (
-                f"{name} is {ratio:.2g} times as fast as {other} when the robot drives straight: "
-                "it is in another unit, or loses samples"
-            )
-            yield Idea("scale", (name,), words, e.but({name: sides[k] / ratio}), 2.0, parts=True)
-
-
-def _drifting_scale(e: Agreement) -> Iterator[Idea]:
-    """A way by the pose that is told by a factor that grows through the log."""
-    speeds, _ = e.told
-    for names, sensor in ((("x", "y"), "pose"), (ENCODERS, "wheels")):
-        others = [name for name in ("wheels", "odom", "cmd", "pose") if name in speeds]
-        others = [name for name in others if name != sensor]
-        if sensor not in speeds or not others:
+    for name, other, ratio in (
+        (*names, factors[0] / factors[1]),
+        (*names[::-1], factors[1] / factors[0]),
+    ):
+        if abs(math.log(ratio)) < 0.3:
             continue
-        a, b = speeds[sensor], speeds[others[0]]
-        share = np.linspace(-0.5, 0.5, len(a))
-        flat, steep = fit_factors([b, share * b], a)
-        if abs(flat) < 1e-9 or abs(steep / flat) > 1.9:
-            continue
-        trend = 1.0 + share * steep / flat
-        times = trend[-1] / trend[0]
+        unit = _fitting_unit(PLACE, float(f"{ratio:.1g}"), 1.0) if names == PLACE else ""
         words = (
-            f"{' and '.join(names)} tell a way that grows to {times:.2f} times what it is at first "
-            f"beside {_COLUMNS_OF['way', others[0]]}"
+            f"{name} tells some {float(f'{ratio:.2g}'):g} times the way that {other} says beside "
+            f"the other signals: it is in {unit or 'another unit, or loses samples'}"
         )
-        # a factor that it has from the first on is another cause
-        changed = {name: e.means[name] * trend[0] / trend for name in names}
-        yield Idea("scale", names, words, e.but(changed), 2.0)
+        yield Idea("scale", (name,), words, e.but({name: e.means[name] / ratio}), 2.0)
 
 
-# ------------------------------------------------------------------------------------------ gyro
 _OFFSET = 0.025
 """Offset of a gyro from which it is a fault: a sound one on tile has 0.016 [rad/s]."""
 _DRIFT = 0.04
 """Change of such an offset through a log from which it is a fault [rad/s]."""
 
 
-def _gyro_at_rest(e: Agreement) -> Iterator[Idea]:
-    """A gyro that has an offset, or drifts."""
-    if "gyro_z" not in e.means:
-        return
-    turns = e.told[1]
-    other = next((turns[name] for name in ("pose", "odom", "wheels") if name in turns), None)
-    if other is None:
-        return
-    gyro = e.means["gyro_z"]
-    trend = np.linspace(-0.5, 0.5, len(gyro))
-    slope = float(fit_factors([np.ones(len(gyro)), trend, other], gyro)[1])
-    c = float(fit_factors([np.ones(len(gyro)), other], gyro)[0])
-    if abs(c) > _OFFSET:
+def _trends_of_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Columns whose factor grows through the log; rates of turning that are shifted, or drift."""
+    share = np.linspace(-0.5, 0.5, len(e.signals.windows.t))
+    one = np.ones(len(share))
+    growths = []
+    for name, basis in _bases_of(e, names).items():
+        values = e.means[name]
+        factors = fit_factors(np.hstack([basis, share[:, None] * basis]), values)
+        growths.append(factors[basis.shape[1]] / (factors[0] or 1.0))
+        if len(names) > 1:
+            continue
+        c, *_ = fit_factors(np.column_stack([one, basis]), values)
+        level, slope, *_ = fit_factors(np.column_stack([one, share, basis]), values)
+        if abs(c) > _OFFSET:
+            words = (
+                f"{name} less the yaw rate is {c:.2g} rad/s throughout: it has an offset; where "
+                "the robot stands, `recordings convert --unbias` takes a gyro's out"
+            )
+            yield Idea("offset", names, words, e.but({name: values - c}))
+        if abs(slope) > _DRIFT:
+            words = f"{name} less the yaw rate grows by {slope:.2f} rad/s in the log: it drifts"
+            after = e.but({name: values - level - slope * share})
+            yield Idea("drift", names, words, after, 2.0, parts=False)
+    growth = float(np.mean(growths)) if growths else 0.0
+    if 0.05 < abs(growth) < 1.9:
+        # a factor that it has from the first on is another cause
+        trend = (1.0 + share * growth) / (1.0 - 0.5 * growth)
         words = (
-            f"gyro_z less the yaw rate is {c:.2g} rad/s throughout: the gyro has an offset; where "
-            "the robot stands, `recordings convert --unbias` takes it out"
+            f"{join_names(names, 'tell')} a motion that grows to {trend[-1]:.2f} times what it is "
+            "at first beside the other signals"
         )
-        yield Idea("offset", ("gyro_z",), words, e.but({"gyro_z": gyro - c}), 1.0, parts=True)
-    if abs(slope) > _DRIFT:
-        words = f"gyro_z less the yaw rate grows by {slope:.2f} rad/s through the log: it drifts"
-        yield Idea("drift", ("gyro_z",), words, e.but({"gyro_z": gyro - c - slope * trend}), 2.0)
+        after = e.but({name: e.means[name] / trend for name in names})
+        yield Idea("scale", names, words, after, 2.0, parts=False)
 
 
 # ------------------------------------------------------------------------------------------ time
-def _time_unit(e: Agreement) -> Iterator[Idea]:
+def _time_unit(e: Agreement, names: Columns) -> Iterator[Idea]:
     """Time in another unit: turns and ways of the pose are too fast by the same factor."""
-    if not {*POSE_COLUMNS} <= e.means.keys():
-        return
     told = dict[str, float]()
-    for names in (("yaw",), ("x", "y")):
-        for what, factor, by in _told(names, e):
-            if by in ("imu", "wheels", "odom"):
-                told.setdefault(what, factor)
-    if len(told) < 2 or min(told.values()) <= 0.0:
+    for what, factor, by in chain(_told(("yaw",), e), _told(PLACE, e)):
+        if by in ("imu", "wheels", "odom"):
+            told.setdefault(what, factor)
+    factor = told.get("turn", 1.0)
+    if max(factor, 1.0 / factor) < 1.3 or not 0.33 < told.get("way", 0.0) / factor < 3.0:
         return
     rows = all(np.all(np.diff(group.t) == 1.0) for group in e.signals.log.groups.values())
-    turn, way = told["turn"], told["way"]
-    factor = turn
-    if max(factor, 1.0 / factor) < 1.3 or not 0.33 < way / turn < 3.0:
-        return
-    changed = {name: e.means[name] / factor for name in POSE_COLUMNS}
+    changed = {name: e.means[name] / factor for name in names}
     words = (
         f"the pose turns and drives {factor:.3g} times as fast as the other sensors say: "
         f"t is not in seconds{', but grows by one a row: it seems to count rows' * rows}"
     )
-    yield Idea("clock", ("t", *POSE_COLUMNS), words, e.but(changed), 2.0 if rows else 4.0)
+    after = e.but({**changed, "heading": e.means["heading"]})
+    yield Idea("clock", ("t", *names), words, after, 2.0 if rows else 4.0, parts=False)
 
 
-def _other_clock(e: Agreement) -> Iterator[Idea]:
-    """Poses that are late by more than any delay, or later and later."""
-    turns = e.signals.turns
-    if turns is None or not {*POSE_COLUMNS} <= e.means.keys():
-        return
-    ways = {name: e.signals.ways[name] for name in POSE_COLUMNS}
-    now = np.median(e.signals.windows.at["pose"] - e.signals.windows.t)
-    late, alike = turns.delays(slice(None), LONGEST_S)
-    best = float(late[np.argmax(alike)])
-    if abs(best) > 1.5:
-        order = "after" if best > 0.0 else "before"
-        words = (
-            f"yaw tells of turns about {abs(best):.1f} s {order} {turns.sensor}: "
-            "their clocks differ, and no delay so long is taken out"
-        )
-        changed = e.signals.windows.means_of(ways, "pose", best - now)
-        yield Idea("clock", POSE_COLUMNS, words, e.but(changed), 2.0)
-    yield from _growing_delay(e)
+_LONGEST_S = 60.0
+"""Longest delay that is looked for [s]."""
+_LONG = 0.002
+"""Share of a column that a delay must explain for each second that it is longer [1/s]."""
+_TAKEN_OUT = 1.5
+"""Delay of all columns of a sensor up to which it is taken out, and no fault [s]."""
+_LATE = 0.3
+"""Delay of some of them behind the others from which it is a fault [s]."""
+_FOLLOWS = 0.6
+"""Share of the slopes of positions that others explain, at least [1]."""
+_SURE = 0.8
+"""Share of a column that others explain from which its delay is known [1]."""
 
 
-def _growing_delay(e: Agreement) -> Iterator[Idea]:
-    """Yield a clock that runs at another rate."""
+def find_delays(
+    e: Agreement, ways: Mapping[str, Way], starts: Sequence[int]
+) -> tuple[FloatArray, FloatArray]:
+    """Return how late ways of columns are in parts of a log, and how well that is known.
+
+    Signs and units of the columns do not matter.
+
+    Args:
+        e: what the log tells.
+        ways: ways of columns of one group.
+        starts: (P,) indices of the first window of each part.
+
+    Returns:
+        (P,) delays beyond those that windows take out [s], and (P,) shares of the columns that
+        others explain then [1]; NaN and 0 where nothing does.
+    """
+    windows = e.signals.windows
+    bases = _bases_of(e, tuple(ways))
+    most = round(_LONGEST_S / e.period)
+    shifts = np.arange(-most, most + 1)
+    # windows begin and end where others have their middles
+    rows = np.rint((windows.t - windows.t[0]) / e.period).astype(int)[:, None] + shifts + most
+    first = windows.at[column_of(next(iter(ways))).group][0]
+    edges = first + e.period * np.arange(-most - 1, rows[-1, -1] - most + 2)
+    # of two that are as good, the shorter one
+    found = np.tile(-_LONG * e.period * np.abs(shifts), (len(starts), 1))
+    for name, basis in bases.items():
+        way = np.interp(edges, *ways[name])
+        values = (way[rows + 2] - way[rows]) / windows.width
+        found += explain_share(values, basis, starts) / len(bases)
+    late = [e.period * (find_peak(shares) - most) for shares in found]
+    return np.array(late), found.max(axis=1)
+
+
+def _other_clocks(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Columns that are late, by some time or by more and more."""
     from scipy import stats  # here: it takes a tenth of a second to import
 
-    turns = e.signals.turns
-    assert turns is not None
-    if np.ptp(turns.t) < 48.0:
-        return
-    parts = max(6, round(np.ptp(turns.t) / 20.0))
-    times = []
-    delays = []
-    for start, stop in pairwise(np.linspace(0, len(turns.t), parts + 1).astype(int)):
-        late, alike = turns.delays(slice(start, stop), LONGEST_S)
-        if np.max(alike) > 0.9:
-            times.append(turns.t[(start + stop) // 2])
-            delays.append(late[np.argmax(alike)])
-    if len(times) < max(5, parts // 2):
+    t = e.signals.windows.t
+    group = column_of(names[0]).group
+    ways = {name: e.signals.ways[name] for name in names}
+    mates = tuple(name for name in e.signals.log.groups[group].columns if name in e.means)
+    others = tuple(name for name in mates if name not in names)
+    at = e.signals.windows.at
+    taken = float(np.median([np.median(at[group] - at[name]) for name in at if name != group]))
+    least = _LATE if others else _TAKEN_OUT
+    parts = max(6, round(float(np.ptp(t)) / 20.0))
+    starts = np.linspace(0, len(t), parts + 1).astype(int)[:-1]
+    late, sure = find_delays(e, ways, starts.tolist())
+    known = np.isfinite(late) & (sure > _SURE)
+    lags = [*find_delays(e, ways, [0])[0], *late[known][:1], *late[known][-1:]]
+    for lag in {*np.round(lags, 1).tolist()}:
+        off = lag if others else taken + lag
+        if not abs(off) > least:
+            continue
+        # of the two, that one is late that is later than the other sensors
+        blamed = others if abs(taken + lag) < abs(taken) and others else names
+        off = off if blamed is names else -off
+        words = (
+            f"{join_names(blamed, 'tell')} of motions {abs(off):.1f} s "
+            f"{'after' if off > 0.0 else 'before'} the others do: their clocks differ"
+        )
+        yield Idea("clock", blamed, words, e.but(e.signals.windows.means_of(ways, group, lag)), 2.0)
+    if np.count_nonzero(known) < max(5, parts // 2):
         return
     # Theil and Sen's: one part may tell nonsense
-    slope, start, *_ = stats.theilslopes(delays, times)
-    first, last = (start + slope * at for at in (times[0], times[-1]))
-    if abs(last - first) < 0.3:
-        return
-    words = (
-        f"yaw is {first:.2f} s behind {turns.sensor} at first and {last:.2f} s at last: one of "
-        f"their clocks runs {100.0 * abs(slope):.1f} % faster"
-    )
-    ways = {name: e.signals.ways[name] for name in POSE_COLUMNS}
-    t = e.signals.windows.t
-    late = slope * (t - np.mean(t))
-    changed = e.signals.windows.means_of(ways, "pose", late)
-    yield Idea("clock", POSE_COLUMNS, words, e.but(changed), 2.0)
+    slope, start, *_ = stats.theilslopes(late[known], t[starts[known]])
+    first, last = taken + start + slope * t[[0, -1]]
+    if np.ptp(t) > 45.0 and abs(last - first) > 0.3:
+        words = (
+            f"{join_names(names, 'tell')} of motions {first:.2f} s after the others do at first "
+            f"and {last:.2f} s at last: one of their clocks runs {100.0 * abs(slope):.1f} % faster"
+        )
+        middles = start + slope * (t - 0.5 * np.ptp(t) / parts)
+        after = e.but(e.signals.windows.means_of(ways, group, middles))
+        yield Idea("clock", names, words, after, 3.0, parts=False)
 
 
-_LAGS = np.array(sorted(np.round(np.arange(-2.0, 2.01, 0.05), 2), key=abs))
-
-
-def other_motion(e: Agreement) -> FloatArray | None:
-    """Return (N, 2) speeds and yaw rates by another sensor than the wheels; None without one."""
-    speeds, turns = e.told
-    sensor = next((name for name in ("pose", "odom", "cmd") if name in speeds), "")
-    if not sensor or sensor not in turns:
-        return None
-    return np.column_stack([speeds[sensor], turns[sensor]])
-
-
-def best_lag(e: Agreement, ways: Mapping[str, Way]) -> float:
-    """Return the delay of wheels [s] at which other sensors tell most of their rates."""
-    moved = other_motion(e)
-    if moved is None:
-        return 0.0
-    known = np.isfinite(moved).all(axis=1)
-    basis = np.linalg.qr(moved[known])[0]
-
-    def rest(lag: float) -> float:
-        means = e.signals.windows.means_of(ways, "wheels", lag)
-        sides = np.array([side[known] for side in means.values()])
-        told = np.sum((sides @ basis) ** 2, axis=1)
-        return -float(np.sum(told / np.maximum(np.sum(sides**2, axis=1), 1e-12)))
-
-    return min(_LAGS.tolist(), key=rest)
-
-
-def _late_side(e: Agreement) -> Iterator[Idea]:
-    """One side of wheels that is late behind the other."""
-    if e.signals.wheels is None or other_motion(e) is None:
-        return
-    ways = [{name: e.signals.ways[name]} for name in ENCODERS]
-    late = [best_lag(e, way) for way in ways]
-    k = int(np.argmax(np.abs(late)))
-    apart = late[k] - late[1 - k]
-    if abs(apart) < 0.15:
-        return
-    words = f"{ENCODERS[k]} is {abs(apart):.1f} s {'behind' if apart > 0 else 'ahead of'} "
-    changed = dict[str, FloatArray]()
-    for way, lag in zip(ways, late, strict=True):
-        changed |= e.signals.windows.means_of(way, "wheels", lag)
-    yield Idea("clock", ENCODERS, words + ENCODERS[1 - k], e.but(changed), 2.0)
-
-
-_WIDTHS_S = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+_WIDTHS_S = (2.0, 3.0, 4.0, 6.0, 8.0)
 """Times over which a smoothed signal may be averaged [s]."""
 
 
-def _smoothed_signals(e: Agreement) -> Iterator[Idea]:
-    """A signal that is averaged over seconds, or follows late as a low-pass does."""
-    turns = e.told[1]
-    for names, sensor in ((("gyro_z",), "imu"), (POSE_COLUMNS, "pose")):
-        others = [name for name in ("imu", "pose", "wheels", "odom") if name in turns]
-        others = [name for name in others if name != sensor]
-        if sensor not in turns or not others:
+def _smoothed_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Columns that are averaged over seconds, or follow late as a low-pass does."""
+    bases = _bases_of(e, names)
+    if names == ENCODERS and "gyro_z" not in e.means:
+        return  # a localiser is too noisy to show how much faster the robot turns
+    best = dict[str, tuple[float, float, FloatArray]]()
+    for how, width, kernel in _list_kernels(e.period):
+        if 3 * len(kernel) > 2 * len(e.signals.windows.t):
             continue
-        a, b = (np.nan_to_num(turns[name]) for name in (sensor, others[0]))
-        best = dict[str, tuple[float, float, FloatArray]]()
-        for width in _WIDTHS_S:
-            for how, kernel in _kernels(width / e.period):
-                if 3 * len(kernel) > 2 * len(a):
-                    continue
-                half = len(kernel) // 2
-                mean = np.convolve(np.pad(b, half, mode="edge"), kernel, mode="valid")
-                for shift in range(-4, 5):
-                    alike = correlation(a, np.roll(mean, shift))
-                    if alike > best.get(how, (0.0,))[0]:
-                        best[how] = alike, width, _moved(kernel, shift)
-        for how, (_, width, kernel) in best.items():
-            words = (
-                f"{' and '.join(names[-1:])} follows {how} of {_COLUMNS_OF['turn', others[0]]} "
-                f"over some {width:g} s: it is smoothed, and fast turns are lost in it"
-            )
-            yield Idea("smoothed", names, words, e.but({}, {sensor: kernel}), 4.0)
+        alike = 0.0
+        for name, basis in bases.items():
+            values = e.means[name][:, None]
+            alike += float(explain_share(values, _blur(basis, kernel), [0])[0, 0])
+        if alike > best.get(how, (0.0,))[0]:
+            best[how] = alike, width, kernel
+    for how, (_, width, kernel) in best.items():
+        after = e
+        for name in sorted(names, reverse=True):  # positions need the heading
+            told = after.basis_of(name)
+            if told is None:
+                continue
+            blurred = _blur(told, kernel)
+            # what the column cannot tell is as others tell it
+            lost = (told - blurred) @ fit_factors(blurred, e.means[name])
+            after = after.but({name: e.means[name] + lost})
+        words = (
+            f"{join_names(names, 'follow')} {how} of what the others tell over some {width:g} s: "
+            "smoothed, and fast turns are lost in it"
+        )
+        yield Idea("smoothed", names, words, after, 4.0, parts=False)
 
 
-def _kernels(samples: float) -> Iterator[tuple[str, FloatArray]]:
-    """Yield means over so many windows, about the middle one and with a tail to the past."""
-    width = max(3, 2 * round(0.5 * samples) + 1)
-    yield "the mean", np.full(width, 1.0 / width)
-    reach = math.ceil(4.0 * samples)
-    tail = np.exp(-np.arange(reach + 1) / samples)
-    yield "a low-pass", np.concatenate([np.zeros(reach), tail / tail.sum()])
+def _list_kernels(period: float) -> Iterator[tuple[str, float, FloatArray]]:
+    """Yield means over some time [s], about the middle one and with a tail to the past."""
+    for seconds in _WIDTHS_S:
+        width = 2 * round(0.5 * seconds / period) + 1
+        reach = math.ceil(4.0 * seconds / period)
+        tail = np.exp(-np.arange(reach + 1) * period / seconds)
+        kernels = {
+            "the mean": np.full(width, 1.0 / width),
+            "a low-pass": np.concatenate([np.zeros(reach), tail / tail.sum()]),
+        }
+        for how, kernel in kernels.items():
+            # the delay that smoothing makes is taken out of its group
+            for shift in range(-4, 5):
+                yield how, seconds, np.roll(np.pad(kernel, abs(shift)), shift)
 
 
-def _moved(kernel: FloatArray, shift: int) -> FloatArray:
-    """Return a kernel of odd length that is late by so many windows."""
-    size = abs(shift)
-    padded = np.pad(kernel, size)
-    return np.roll(padded, shift)
+def _blur(columns: FloatArray, kernel: FloatArray) -> FloatArray:
+    """Return (N, k) rates smoothed with a kernel of odd length."""
+    half = len(kernel) // 2
+    padded = np.pad(columns, ((half, half), (0, 0)), mode="edge")
+    return np.column_stack([np.convolve(each, kernel, mode="valid") for each in padded.T])
 
 
-SIGNS_UNITS_AND_CLOCKS = (
-    _swapped_columns,
-    _turned_path,
-    _other_units,
-    _one_axis,
-    _drifting_scale,
-    _gyro_at_rest,
-    _time_unit,
-    _other_clock,
-    _late_side,
-    _smoothed_signals,
+# ------------------------------------------------------------------------------------------ samples
+_LOST_IN_A_ROW = 8
+"""Samples from one told rate to the next between which others are lost."""
+
+
+def _without_zeros(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+    """Zeros, one or a few in a row, between rates of one sign."""
+    told = np.flatnonzero(values != 0.0)
+    if not len(told):
+        return None
+    after = np.searchsorted(told, np.arange(len(values)))
+    last = told[np.maximum(after - 1, 0)]
+    later = told[np.minimum(after, len(told) - 1)]
+    lost = (values == 0.0) & (later - last < _LOST_IN_A_ROW) & (values[last] * values[later] > 0.0)
+    n = np.count_nonzero(lost)
+    way = t[~lost], integrate_rates(t[~lost], values[~lost])
+    words = f"zero for single samples, {n} times: lost messages stand as zeros; leave them out"
+    return (way, words) if n > max(5.0, 0.01 * len(values)) else None
+
+
+def _without_spikes(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+    """Single samples that no robot reaches."""
+    before, middle, after = sliding_window_view(np.pad(values, 1, "edge"), 3).T
+    off = np.abs(middle - 0.5 * (before + after))
+    spikes = off > max(8.0 * float(np.percentile(off, 85.0)), 0.5 * float(np.std(values)))
+    spikes &= np.abs(before - after) < 0.3 * off
+    n = np.count_nonzero(spikes)
+    words = (
+        f"beside itself for single samples, {n} times, by {np.max(off[spikes], initial=0.0):.3g} "
+        "within a sample: nothing does that"
+    )
+    way = t[~spikes], integrate_rates(t[~spikes], values[~spikes])
+    return (way, words) if 3 <= n < 0.2 * len(values) else None
+
+
+def _unwrapped(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+    """Rates that go on at the other end of their range."""
+    period = float(np.ptp(values))
+    n = np.count_nonzero(np.abs(np.diff(values)) > 0.8 * period)
+    way = t, integrate_rates(t, np.unwrap(values, period=period or 1.0))
+    words = f"at the other end of its range of {period:.3g} {n} times: a counter wraps"
+    return (way, words) if n >= 3 else None
+
+
+def _positions(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+    """Positions, which add up."""
+    span = float(np.ptp(values))
+    if span <= 0.0 or np.percentile(np.abs(np.diff(values)), 90.0) > 0.05 * span:
+        return None
+    wraps = np.count_nonzero(np.abs(np.diff(values)) > 0.5 * span)
+    words = (
+        "a position, which adds up, and not a rate: its slope tells the motion; --columns "
+        "enc_left=NAME:rad (or :turns, :deg, :ticks) takes those of wheels"
+    )
+    if not wraps:
+        return (t, values), words
+    return (t, np.unwrap(values, period=span)), f"{words}; and it wraps: count on instead"
+
+
+def _summed_speeds(t: FloatArray, values: FloatArray) -> tuple[Way, str]:
+    """Positions that are speeds."""
+    return (t, integrate_rates(t, values)), "a speed, and no position"
+
+
+_Reading = Callable[[FloatArray, FloatArray], tuple[Way, str] | None]
+_READINGS: Mapping[str, Sequence[_Reading]] = {
+    "spikes": (_without_zeros, _without_spikes),
+    "counter": (_unwrapped,),
+    "positions": (_positions,),
+    "swapped": (_summed_speeds,),
+}
+"""By kind, how samples of columns are read instead."""
+
+
+def _other_readings(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Columns whose samples mean something else, or nothing at times."""
+    group = e.signals.log.groups[column_of(names[0]).group]
+    for kind, read in [(kind, read) for kind, reads in _READINGS.items() for read in reads]:
+        if (kind == "swapped") != (names == PLACE):
+            continue
+        found = {name: read(group.t, group.columns[name]) for name in names}
+        ways = {name: each[0] for name, each in found.items() if each is not None}
+        said = [each[1] for each in found.values() if each is not None]
+        if not ways or (kind == "positions" and len(ways) < len(names)):
+            continue
+        late = 0.0
+        if kind == "positions":
+            (late,), (sure,) = find_delays(e, ways, [0])
+            if not sure > _FOLLOWS:
+                continue
+        changed = dict(e.signals.windows.means_of(ways, column_of(names[0]).group, late))
+        for name, values in changed.items():
+            basis = e.basis_of(name)
+            if kind == "positions" and basis is not None:  # in whatever unit they are
+                usual = 1.0 / STOCK.radius if name in ENCODERS else 1.0
+                changed[name] = values * usual / (float(fit_factors(basis, values)[0]) or 1.0)
+        words = f"{' and '.join(ways)}: {said[0]}"
+        kind_said = "counter" if "wraps" in said[0] else kind
+        yield Idea(kind_said, (*ways,), words, e.but(changed), 2.0, parts=False)
+
+
+_OUTSTANDS = 12.0
+"""Size of a correction over the median difference between a step and those beside it [1]."""
+
+
+def _small_jumps(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Steps of the pose that no wheel made, too small to be jumps of any log."""
+    poses = e.signals.poses
+    if poses is None or len(poses.t) < 40:
+        return
+    steps = np.diff(poses.pose[:, :2], axis=0)
+    near = sliding_window_view(np.pad(steps, ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
+    off = steps - np.median(near, axis=-1)
+    size = np.hypot(*off.T)
+    at = size > max(_OUTSTANDS * float(np.median(size)), 0.03)
+    if e.signals.jumps is not None:
+        at &= ~np.isin(poses.rows[1:], e.signals.jumps.index)
+    n = int(np.count_nonzero(at))
+    if not 0 < n < 0.02 * len(at):
+        return
+    moved = np.cumulative_sum(np.where(at[:, None], off, 0.0), axis=0, include_initial=True)
+    ways = {name: (poses.t, poses.pose[:, k] - moved[:, k]) for k, name in enumerate(names)}
+    words = (
+        f"x and y make {n} step{'s' * (n > 1)} of {np.median(size[at]):.2g} m, the first at "
+        f"{poses.t[1:][at][0]:.1f} s, that no wheel made: the localiser corrects itself"
+    )
+    yield Idea("jumps", names, words, e.but(e.signals.windows.means_of(ways, "pose")), parts=False)
+
+
+# ------------------------------------------------------------------------------- tells nothing
+def _clipped_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Rates that stay at a bound where the motion is beyond it."""
+    changed = {}
+    levels = []
+    group = e.signals.log.groups[column_of(names[0]).group]
+    for name, basis in _bases_of(e, names).items():
+        values = np.abs(group.columns[name])
+        most = float(np.max(values))
+        at = (values > (1.0 - 1e-4) * most).astype(np.float64)
+        if most <= 0.0 or np.mean(at) < 0.02:
+            continue
+        way = {name: (group.t, integrate_rates(group.t, at))}
+        share = e.signals.windows.means_of(way, column_of(name).group)[name]
+        mean = e.means[name]
+        told = basis @ fit_factors(basis, np.where(share < 0.01, mean, math.nan))
+        # what would be beyond the bound is explained, whatever it is
+        beyond = (share > 0.01) & (told * np.sign(mean) > 0.95 * np.abs(mean))
+        changed[name] = np.where(beyond, told, mean)
+        levels.append(most)
+    if changed:
+        words = (
+            f"{join_names((*changed,), 'stay')} at +-{max(levels):.3g} where the other signals say "
+            "more: clipped"
+        )
+        yield Idea("clipped", (*changed,), words, e.but(changed), 2.0, parts=False)
+
+
+_GROUND = 1.0 / 3.0
+"""Share of the time from which slip of both sides is the ground's, and no fault [1]."""
+_SLIPPED = 1.2
+"""Cost of each window in which wheels slip: a residual of 1.5 times the noise."""
+
+
+def _slipping_wheels(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Wheels that turn while the robot stands, or stand while it moves."""
+    basis = e.basis_of(names[0])
+    if basis is None or "pose" not in e.told[0]:
+        return
+    sides = np.array([e.means[name] for name in names])
+    told = np.array([basis @ fit_factors(basis, side) for side in sides])
+    size = np.percentile(np.abs(sides), 80.0)
+    most = np.maximum(0.35 * np.maximum(np.abs(sides), np.abs(told)), 0.25 * size)
+    slips = np.abs(sides - told) > most
+    more = np.abs(sides) - np.abs(told)
+    fast = slips & (more > 0.0)
+    # commands of wheels that slip may tell as little
+    for blamed, others, where in (
+        (names[:1], (), fast[0] & ~slips[1]),
+        (names[1:], (), fast[1] & ~slips[0]),
+        (names, (), slips.any(axis=0)),
+        (names, TWIST, slips.any(axis=0)),
+    ):
+        if np.count_nonzero(where) < 8 or (blamed == names and np.mean(where) > _GROUND):
+            continue
+        how = "although its wheels stand: is it pushed or carried?"
+        if len(blamed) == 1:
+            how = f"slower than {blamed[0]} alone tells: its wheels slip, or are lifted"
+        elif np.median(more.sum(axis=0)[where]) > 0.0:
+            how = "in another way than its wheels turn: they slip"
+        words = f"the robot moves in {100.0 * np.mean(where):.0f} % of the time {how}"
+        changed = {}
+        for name in (*blamed, *others):
+            basis = e.basis_of(name)
+            if name in e.means and basis is not None:
+                told_so = basis @ fit_factors(basis, e.means[name])
+                changed[name] = np.where(where, told_so, e.means[name])
+        # each window costs as much as if nothing were told in it
+        price = _SLIPPED * (1.0 + 0.75 * len(others))
+        freedom = 3.0 + len(others) + price * np.count_nonzero(where) / math.log(len(where))
+        after = e.but(changed)
+        yield Idea("slip", blamed, words, after, freedom, parts=False)
+
+
+def _unrelated_signals(e: Agreement, names: Columns) -> Iterator[Idea]:
+    """Signals that resemble nothing that the robot did: no more than at another time."""
+    n = len(e.signals.windows.t)
+    sensor = column_of(names[0]).group
+    own = {*names, "heading"} if names == POSE_COLUMNS else {*names}
+    at_random = []
+    for share in (0.25, 0.4, 0.55, 0.7):
+        rolled = e.but({name: np.roll(e.means[name], round(share * n)) for name in own})
+        costs = [pair.cost for pair in rolled.pairs if sensor in (pair.a, pair.b)]
+        at_random.append(np.nanmean(np.concatenate([*costs, [0.0]])))
+    words = (
+        f"{join_names(names, 'resemble')} nothing that the robot did, while the other columns "
+        "resemble one another: another axis or quantity, or those of another drive?"
+    )
+    nothing = e.but({name: np.full(n, math.nan) for name in own})
+    after = replace(nothing, untold=0.6 * float(np.median(at_random)))
+    kind = "swapped" if sensor == "imu" else "unrelated"
+    yield Idea(kind, names, words, after, parts=False)
+
+
+_GYRO: Columns = ("gyro_z",)
+_MEASURED = (_GYRO, PLACE, POSE_COLUMNS, ENCODERS, ODOMETRY)
+HYPOTHESES: Sequence[tuple[Callable[[Agreement, Columns], Iterator[Idea]], Sequence[Columns]]] = (
+    (_swapped_columns, (*SUBJECTS, ("x",), ("y",), ("y", "yaw"))),
+    (_turned_path, (POSE_COLUMNS,)),
+    (_curved_rates, (TWIST, ODOMETRY)),
+    (_unsigned_columns, SUBJECTS),
+    (_other_units, (*_PRECISIONS,)),
+    (_one_of_two, (PLACE, ENCODERS)),
+    (_trends_of_columns, (_GYRO, ("odom_w",), PLACE, ENCODERS)),
+    (_time_unit, (POSE_COLUMNS,)),
+    (_other_clocks, SUBJECTS),
+    (_smoothed_columns, (*_MEASURED, ("yaw",))),
+    (_other_readings, (_GYRO, PLACE, ENCODERS, ODOMETRY)),
+    (_small_jumps, (PLACE,)),
+    (_clipped_columns, (_GYRO, ENCODERS, ODOMETRY)),
+    (_slipping_wheels, (ENCODERS,)),
+    (_unrelated_signals, (_GYRO, POSE_COLUMNS, ENCODERS, ODOMETRY, TWIST)),
 )
-"""The hypotheses on signs, places, frames, units and time."""
+"""The mistakes, and the columns that each may be in."""
+_ORDINARY = 0.1
+"""Cost of a pair of sound signals in a window."""
+_LEAST = 6.0
+"""Cost beyond that from which columns are looked at [nats]."""
+
+
+def list_ideas(e: Agreement) -> Iterator[Idea]:
+    """Yield the hypotheses on columns that do not agree with the others."""
+    for explain, subjects in HYPOTHESES:
+        for names in subjects:
+            own = [bool(pair.columns & {*names}) for pair in e.pairs]
+            beyond = np.maximum(np.nan_to_num(e.costs[own]) - _ORDINARY, 0.0)
+            if {*names} <= e.means.keys() and 0.5 * float(np.sum(beyond)) > _LEAST:
+                yield from explain(e, names)
+
+
+def best_span(gains: FloatArray) -> slice:
+    """Return the windows in a row whose (N,) gains have the greatest sum."""
+    so_far = np.cumulative_sum(gains, include_initial=True)
+    low = np.minimum.accumulate(so_far)
+    stop = int(np.argmax(so_far - low))
+    start = int(np.argmin(so_far[: stop + 1]))
+    return slice(start, stop)

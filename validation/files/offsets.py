@@ -19,14 +19,14 @@ from validation.files.columns import POSE_COLUMNS
 from validation.files.log import Group, Log
 from validation.files.motion import SENSORS, NewPoses
 from validation.files.sensors import Signals
-from validation.files.signals import BoolArray, held
+from validation.files.signals import BoolArray, find_peak, held
 
 _OFFSET_STEP = 0.01
 """Period on which signals are correlated [s]; a parabola through the best three lags is finer."""
 _OFFSET_SMOOTHING = 0.1
 """Standard deviation of the Gaussian that smooths both signals first [s]: the slope of a noisy pose
 is noisier."""
-_OFFSET_LIMIT = 1.0
+_OFFSET_LIMIT = 5.0
 """Longest offset that is looked for [s]."""
 _OFFSET_SPAN = 5.0
 """Shortest overlap of two signals that are correlated [s]."""
@@ -250,14 +250,11 @@ def _peak(sums: FloatArray) -> tuple[float, float] | None:
     tiny = 1e-12  # rates of a millionth: standing
     scale = np.sqrt(np.maximum(variance, tiny))
     alike = np.where(variance > tiny, (product - mean_x * mean_y) / scale, 0.0)
-    best = int(np.argmax(alike))
-    if alike[best] < _OFFSET_CORRELATION or best in (0, 2 * most):
+    best = find_peak(alike)
+    at = float(np.max(alike))
+    if at < _OFFSET_CORRELATION or math.isnan(best):
         return None
-    # the vertex of the parabola through the best three lags
-    before, at, after = alike[best - 1 : best + 2]
-    bend = before - 2.0 * at + after
-    refined = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    return float(best - most + refined) * _OFFSET_STEP, float(at)
+    return (best - most) * _OFFSET_STEP, at
 
 
 def _block_sums(x: FloatArray, y: FloatArray) -> FloatArray:

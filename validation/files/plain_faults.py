@@ -11,12 +11,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray, IndexArray
 from validation.files.columns import POSE_COLUMNS, column_of, trust_in
 from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, ODOMETRY, TWIST, NewPoses, Way, motion_by_sensor
 from validation.files.sensors import Signals
-from validation.files.signals import TIME_ROUNDOFF
+from validation.files.signals import TIME_ROUNDOFF, BoolArray
 
 _MOVES = 0.1
 """Rate from which a robot moves [m/s, rad/s]."""
@@ -55,56 +56,58 @@ def set_points(e: Signals) -> Iterator[LogFault]:
 _FROZEN = 0.2
 """Share of the windows with motion from which a column that keeps its value is frozen [1];
 localisers stall for less."""
+_STAYS = 1.5
+"""Time for which a value stays the same, over the length of a window, from which it is kept [1]."""
 _TYPICAL = {"wheels": 1.89, "cmd": 2.3}
 """Ratio of the turn that a sensor tells to the robot's, in most logs."""
 
 
 def frozen(e: Signals) -> Iterator[LogFault]:
     """Columns that keep their value for long while others say that the robot moves."""
-    speeds, turns = motion_by_sensor(e.means)
+    told = [*motion_by_sensor(e.means)]
+    told[1] = {sensor: turn / _TYPICAL.get(sensor, 1.0) for sensor, turn in told[1].items()}
     shares = {}
     for name, values in e.log.columns.items():
         own = column_of(name).group
-        others = [np.nan_to_num(speeds[sensor]) for sensor in speeds if sensor != own]
-        others += [
-            np.nan_to_num(turns[sensor]) / _TYPICAL.get(sensor, 1.0)
-            for sensor in turns
-            if sensor != own
-        ]
+        others = [each[sensor] for each in told for sensor in each if sensor != own]
         known = column_of(name).usual < math.inf or name in POSE_COLUMNS
-        if not others or not known or name in TWIST:  # joysticks command nothing
+        # joysticks command nothing; currents and accelerations are noisy
+        if not others or not known or name in TWIST or (name not in e.means and np.ptp(values)):
             continue
-        rate = e.means.get(name)
-        if rate is None:
-            if np.ptp(values) > 0.0:
-                continue
-            # currents and accelerations are noisy
-            rate = np.zeros(len(others[0]))
-        moves = np.median(np.abs(others), axis=0) > _MOVES
-        kept = rate == 0.0
+        size = np.nan_to_num(np.abs(others))
+        moves = np.median(size, axis=0) > _MOVES
+        kept = np.ones(len(moves), dtype=bool)
+        if name in e.means:
+            kept = _kept_values(e, name)
+            if name in ENCODERS and np.any(values):
+                # where both sides stand, the robot may be pushed, or its localiser moves alone
+                side = ENCODERS[name == ENCODERS[0]]
+                kept &= (e.means[name] != 0.0) | (e.means.get(side, 1.0) != 0.0)
         if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
-            varies = np.median(_changes(others), axis=0) > 0.3 * _MOVES
-            moves &= varies | kept
-            # what stays at its bound is clipped
-            bound = 0.999 * float(np.max(np.abs(values)))
-            kept = (_changes(rate) < 1e-12) & ((np.abs(rate) < bound) | (bound == 0.0))
-        if name in ENCODERS:
-            # where both sides are kept, they may be set points, or the robot stands and its
-            # localiser does not
-            kept &= _changes(e.means.get(ENCODERS[name == ENCODERS[0]], rate)) > 1e-12
+            varies = np.median(np.abs(np.diff(others, append=math.nan)), axis=0) > 0.3 * _MOVES
+            moves &= varies | (e.means.get(name, 0.0) == 0.0)
         n = np.count_nonzero(moves & kept)
-        moving = np.count_nonzero(moves)
-        if n > max(5, _FROZEN * moving):
-            shares[name] = 100.0 * n / moving
+        if n > max(5, _FROZEN * np.count_nonzero(moves)):
+            shares[name] = 100.0 * n / np.count_nonzero(moves)
     if shares:
         words = ", ".join(f"{name} for {share:.0f} %" for name, share in shares.items())
         what = f"the same value in much of the time in which the robot moves: {words}"
         yield LogFault("frozen", tuple(shares), what)
 
 
-def _changes(values: object) -> FloatArray:
-    """Return the sizes of the steps of (..., N) numbers; NaN for the first."""
-    return np.abs(np.diff(np.asarray(values, dtype=np.float64), prepend=math.nan))
+def _kept_values(e: Signals, name: str) -> BoolArray:
+    """Return (N,) windows in which a column keeps a value, for long and not at a bound."""
+    group = e.log.groups[column_of(name).group]
+    values = group.columns[name]
+    new = np.flatnonzero(np.diff(values, prepend=math.nan) != 0.0)
+    until = np.append(group.t[new[1:]], group.t[-1])
+    kept = until - group.t[new] > _STAYS * e.windows.width
+    most = float(np.max(np.abs(values)))
+    if name not in POSE_COLUMNS and np.ptp(values) > 0.0:  # what stays at its bound is clipped
+        kept &= np.abs(values[new]) < 0.999 * most
+    samples = np.repeat(kept, np.diff(new, append=len(values))).astype(np.float64)
+    way = {name: (group.t, integrate_rates(group.t, samples))}
+    return np.asarray(e.windows.means_of(way, column_of(name).group)[name] > 0.95)
 
 
 def degrees_of_latitude(e: Signals) -> Iterator[LogFault]:

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray
 from validation.files.columns import POSE_COLUMNS
 from validation.files.log import Group, Log
@@ -32,7 +31,7 @@ from validation.files.motion import (
     new_samples,
     ways_of,
 )
-from validation.files.signals import centred, correlations, fresh_poses, refreshed
+from validation.files.signals import centred, explain_share, fresh_poses, refreshed
 
 _WINDOW_S = 1.0
 """Length of the windows over which signals are averaged [s]."""
@@ -43,13 +42,9 @@ _LAGS = sorted(np.arange(-1.5, 1.51, 0.1).tolist(), key=abs)
 _SHORT_S = 60.0
 """Length of a log from which the times above hold [s]; of a shorter one they are parts."""
 _MOST = 4000
-"""Number of windows that suffices, and length of the headings that are compared [s]."""
+"""Number of windows that suffices."""
 _VARIES = 0.25
 """Deviation of a rate over its mean from which it varies [1]."""
-_FINE_S = 0.1
-"""Time between the headings that are compared [s]."""
-LONGEST_S = 60.0
-"""Longest difference of two clocks that is looked for [s]."""
 FEWEST_WINDOWS = 20
 """Number of windows from which they say anything of signals."""
 _WINDOWED = ("wheels", "odom", "pose", "imu", "cmd")
@@ -186,16 +181,6 @@ class Signals:
                     alike.append(centred(np.abs(a), np.abs(measured)))
         return alike
 
-    @cached_property
-    def turns(self) -> Turns | None:
-        """Headings and the turns by gyro or wheels; None without both."""
-        sensor = next((name for name in ("imu", "wheels") if name in self.told), "")
-        if not sensor or "yaw" not in self.ways:
-            return None
-        told = self.told[sensor]
-        name = "gyro_z" if sensor == "imu" else sensor
-        return turns_of(self.ways["yaw"], (told.t, integrate_rates(told.t, told.turn)), name)
-
 
 # ------------------------------------------------------------------------------------------ windows
 class Windows(NamedTuple):
@@ -251,7 +236,7 @@ def windows_of(every: Mapping[str, Group], told: Mapping[str, Way]) -> Windows:
     means = dict[str, FloatArray]()
     clocks = dict[str, FloatArray]()
     usable = np.ones(n, dtype=bool)
-    bases = list[tuple[FloatArray, FloatArray]]()
+    bases = list[FloatArray]()
     for name, group in groups.items():
         ways = {name: told[name] for name in group.columns if name in told}
         if not ways:
@@ -263,9 +248,7 @@ def windows_of(every: Mapping[str, Group], told: Mapping[str, Way]) -> Windows:
         own = _window_means(ways, at, unit)
         means |= own
         usable &= ~group.in_gaps(at, -0.5 * unit)
-        rates = np.column_stack(list(own.values()))
-        products = np.einsum("ni,nj->nij", rates, rates).reshape(n, -1)
-        bases.append((np.linalg.qr(rates)[0], np.linalg.qr(products)[0]))
+        bases.append(np.column_stack(list(own.values())))
     if np.count_nonzero(usable) < FEWEST_WINDOWS:
         return _NONE
     found = {name: values[usable] for name, values in means.items()}
@@ -288,76 +271,27 @@ def _window_means(
 
 
 def _group_delay(
-    ways: Mapping[str, Way],
-    middles: FloatArray,
-    bases: tuple[FloatArray, FloatArray],
-    unit: float,
+    ways: Mapping[str, Way], middles: FloatArray, rates: FloatArray, unit: float
 ) -> tuple[float, float]:
     """Return how much of a group's columns another one explains, and the delay for that [s].
 
-    Signs and units do not matter. Rates are explained by the rates of another group, their squares
-    and that of a speed of positions by their products; `bases` has an orthonormal basis of each.
+    Signs and units do not matter. Columns are explained by the (N, k) rates of another group, their
+    squares and that of a speed of positions by the products of these.
     """
-
-    def share(values: FloatArray, basis: FloatArray) -> float:
-        return float(np.sum((values @ basis) ** 2)) / max(float(values @ values), 1e-12)
-
-    def known(values: FloatArray) -> float:
-        # where sides change places, only the square stays the same
-        return share(values, bases[0]) + share(values**2, bases[1])
-
-    def explained(lag: float) -> float:
-        means = _window_means(ways, middles + unit * lag, unit)
-        rates = [means[name] for name in means if name not in ("x", "y", "heading")]
-        of_speed = 0.0
-        if {"x", "y"} <= means.keys():
-            of_speed = share(means["x"] ** 2 + means["y"] ** 2, bases[1])
-        return of_speed + sum(map(known, rates))
-
-    lag = max(_LAGS, key=explained)
-    return explained(lag), unit * lag
-
-
-class Turns(NamedTuple):
-    """Headings, and turns by another sensor, at N instants that are `_FINE_S` apart."""
-
-    t: FloatArray
-    """(N,) instants [s]."""
-    yaw: FloatArray
-    """(N,) headings [rad]."""
-    way: FloatArray
-    """(N,) turns by the other sensor, times a factor."""
-    sensor: str
-    """What tells these turns, `gyro_z` or `wheels`."""
-    period: float
-    """Median time between new headings [s]."""
-
-    def delays(self, part: slice, longest: float) -> tuple[FloatArray, FloatArray]:
-        """Return (K,) delays of headings up to `longest` [s], and the correlations at them [1]."""
-        wide = round(_STEP_S / _FINE_S)
-        yaw = self.yaw[part]
-        way = self.way[part]
-        a = way[wide:] - way[:-wide]
-        b = yaw[wide:] - yaw[:-wide]
-        most = min(round(longest / _FINE_S), len(a) // 2)
-        late = np.asarray(_FINE_S * np.arange(-most, most + 1))
-        return late, np.abs(correlations(a, b, most))
-
-    def averaged(self, seconds: float) -> Turns:
-        """Return them with the other sensor's turns averaged over so many seconds."""
-        samples = round(seconds / _FINE_S)
-        means = np.convolve(self.way, np.full(samples, 1.0 / samples), mode="valid")
-        start = (samples - 1) // 2
-        cut = slice(start, start + len(means))
-        return self._replace(t=self.t[cut], yaw=self.yaw[cut], way=means)
-
-
-def turns_of(headings: Way, turned: Way, sensor: str) -> Turns | None:
-    """Return headings and the turns by another sensor; None where both are known too shortly."""
-    stamps, yaw = headings
-    start = max(turned[0][0], stamps[0])
-    grid = np.arange(start, min(turned[0][-1], stamps[-1], start + _MOST), _FINE_S)
-    if len(grid) < 2 * FEWEST_WINDOWS:
-        return None
-    period = float(np.median(np.diff(stamps)))
-    return Turns(grid, np.interp(grid, stamps, yaw), np.interp(grid, *turned), sensor, period)
+    pairs = np.triu_indices(rates.shape[1])
+    products = rates[:, pairs[0]] * rates[:, pairs[1]]
+    moved = [_window_means(ways, middles + unit * lag, unit) for lag in _LAGS]
+    explained = np.zeros(len(_LAGS))
+    speeds = np.zeros((len(middles), len(_LAGS)))
+    for name in moved[0]:
+        values = np.column_stack([means[name] for means in moved])
+        if name in ("x", "y"):
+            speeds += values**2
+        elif name != "heading":
+            # where sides change places, only the square stays the same
+            explained += explain_share(values, rates, [0])[0]
+            explained += explain_share(values**2, products, [0])[0]
+    if {"x", "y"} <= moved[0].keys():
+        explained += explain_share(speeds, products, [0])[0]
+    best = int(np.argmax(explained))
+    return float(explained[best]), unit * _LAGS[best]

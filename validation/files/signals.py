@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,14 +97,29 @@ def centred(x: FloatArray, y: FloatArray) -> float:
     return correlation(x - np.mean(x), y - np.mean(y))
 
 
-def correlations(x: FloatArray, y: FloatArray, most: int) -> FloatArray:
-    """Return the (2 most + 1,) correlations about zero of (N,) rates, y from -most samples late."""
-    n = len(x)
-    found = []
-    for late in range(-most, most + 1):
-        first = x[max(0, -late) : n - max(0, late)]
-        found.append(correlation(first, y[max(0, late) : n + min(0, late)]))
-    return np.array(found)
+def find_peak(values: FloatArray) -> float:
+    """Return where the greatest of (L,) values lies, by the parabola through it and those beside.
+
+    It is an index with a fraction; NaN where the greatest is the first or the last.
+    """
+    best = int(np.argmax(values))
+    if best in (0, len(values) - 1):
+        return math.nan
+    before, at, after = values[best - 1 : best + 2]
+    bend = min(before - 2.0 * at + after, -1e-12)
+    return float(best + 0.5 * (before - after) / bend)
+
+
+def explain_share(values: FloatArray, basis: FloatArray, starts: Sequence[int]) -> FloatArray:
+    """Return the (P, L) shares of (N, L) values in parts that factors of (N, k) rates explain [1].
+
+    Each part begins at one of the (P,) indices `starts` and has factors of its own.
+    """
+    squares = np.add.reduceat(basis[:, :, None] * basis[:, None, :], starts)
+    squares += 1e-9 * np.eye(basis.shape[1])
+    both = np.add.reduceat(basis[:, :, None] * values[:, None, :], starts)
+    size = np.maximum(np.add.reduceat(values**2, starts), 1e-12)
+    return np.asarray(np.sum(np.linalg.solve(squares, both) * both, axis=1) / size)
 
 
 def sturdy_fit(of: FloatArray, values: FloatArray) -> FloatArray:

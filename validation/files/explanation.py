@@ -7,19 +7,269 @@ them is wrong.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
+from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray, IndexArray
 from validation.files.agreement import Agreement
-from validation.files.columns import POSE_COLUMNS
-from validation.files.hypotheses import Idea, best_span, find_delays, list_ideas
+from validation.files.columns import POSE_COLUMNS, column_of
+from validation.files.hypotheses import (
+    GYRO,
+    MISTAKES,
+    PLACE,
+    Blamed,
+    Idea,
+    Mistake,
+    find_delays,
+    fit_factors,
+    join_names,
+    list_bases,
+)
 from validation.files.log import LogFault
+from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST, Way
 from validation.files.sensors import Signals
+
+# ------------------------------------------------------------------------------------------ samples
+_LOST_IN_A_ROW = 8
+"""Samples from one told rate to the next between which others are lost."""
+
+
+def _without_zeros(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+    """Zeros, one or a few in a row, between rates of one sign."""
+    told = np.flatnonzero(values != 0.0)
+    if not len(told):
+        return None
+    after = np.searchsorted(told, np.arange(len(values)))
+    last = told[np.maximum(after - 1, 0)]
+    later = told[np.minimum(after, len(told) - 1)]
+    lost = (values == 0.0) & (later - last < _LOST_IN_A_ROW) & (values[last] * values[later] > 0.0)
+    n = np.count_nonzero(lost)
+    way = t[~lost], integrate_rates(t[~lost], values[~lost])
+    words = f"zero for single samples, {n} times: lost messages stand as zeros; leave them out"
+    return (way, words) if n > max(5.0, 0.01 * len(values)) else None
+
+
+def _without_spikes(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+    """Single samples that no robot reaches."""
+    before, middle, after = sliding_window_view(np.pad(values, 1, "edge"), 3).T
+    off = np.abs(middle - 0.5 * (before + after))
+    spikes = off > max(8.0 * float(np.percentile(off, 85.0)), 0.5 * float(np.std(values)))
+    spikes &= np.abs(before - after) < 0.3 * off
+    n = np.count_nonzero(spikes)
+    words = (
+        f"beside itself for single samples, {n} times, by {np.max(off[spikes], initial=0.0):.3g} "
+        "within a sample: nothing does that"
+    )
+    way = t[~spikes], integrate_rates(t[~spikes], values[~spikes])
+    return (way, words) if 3 <= n < 0.2 * len(values) else None
+
+
+def _unwrapped(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+    """Rates that go on at the other end of their range."""
+    period = float(np.ptp(values))
+    n = np.count_nonzero(np.abs(np.diff(values)) > 0.8 * period)
+    way = t, integrate_rates(t, np.unwrap(values, period=period or 1.0))
+    words = f"at the other end of its range of {period:.3g} {n} times: a counter wraps"
+    return (way, words) if n >= 3 else None
+
+
+def _positions(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+    """Positions, which add up."""
+    span = float(np.ptp(values))
+    if span <= 0.0 or np.percentile(np.abs(np.diff(values)), 90.0) > 0.05 * span:
+        return None
+    wraps = np.count_nonzero(np.abs(np.diff(values)) > 0.5 * span)
+    words = (
+        "a position, which adds up, and not a rate: its slope tells the motion; --columns "
+        "enc_left=NAME:rad (or :turns, :deg, :ticks) takes those of wheels"
+    )
+    if not wraps:
+        return (t, values), words
+    return (t, np.unwrap(values, period=span)), f"{words}; and it wraps: count on instead"
+
+
+def _summed_speeds(t: FloatArray, values: FloatArray) -> tuple[Way, str]:
+    """Positions that are speeds."""
+    return (t, integrate_rates(t, values)), "a speed, and no position"
+
+
+_FOLLOWS = 0.6
+"""Share of the slopes of positions that others explain, at least [1]."""
+_Reading = Callable[[FloatArray, FloatArray], tuple[Way, str] | None]
+_READINGS: Sequence[tuple[str, _Reading]] = (
+    ("spikes", _without_zeros),
+    ("spikes", _without_spikes),
+    ("counter", _unwrapped),
+    ("positions", _positions),
+    ("swapped", _summed_speeds),
+)
+"""Kinds, and how samples of columns are read instead."""
+
+
+def _other_readings(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Blamed whose samples mean something else, or nothing at times."""
+    group = e.signals.log.groups[column_of(names[0]).group]
+    for kind, read in _READINGS:
+        if (kind == "swapped") != (names == PLACE):
+            continue
+        found = {name: read(group.t, group.columns[name]) for name in names}
+        ways = {name: each[0] for name, each in found.items() if each is not None}
+        said = [each[1] for each in found.values() if each is not None]
+        if not ways or (kind == "positions" and len(ways) < len(names)):
+            continue
+        late = 0.0
+        if kind == "positions":
+            (late,), (sure,) = find_delays(e, ways, [0])
+            if not sure > _FOLLOWS:
+                continue
+        changed = dict(e.signals.windows.means_of(ways, column_of(names[0]).group, late))
+        for name, values in changed.items():
+            basis = e.basis_of(name)
+            if kind == "positions" and basis is not None:  # in whatever unit they are
+                usual = 1.0 / STOCK.radius if name in ENCODERS else 1.0
+                changed[name] = values * usual / (float(fit_factors(basis, values)[0]) or 1.0)
+        words = f"{' and '.join(ways)}: {said[0]}"
+        kind_said = "counter" if "wraps" in said[0] else kind
+        yield Idea(kind_said, (*ways,), words, e.but(changed), 2.0, parts=False)
+
+
+_OUTSTANDS = 12.0
+"""Size of a correction over the median difference between a step and those beside it [1]."""
+
+
+def _small_jumps(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Steps of the pose that no wheel made, too small to be jumps of any log."""
+    poses = e.signals.poses
+    if poses is None or len(poses.t) < 40:
+        return
+    steps = np.diff(poses.pose[:, :2], axis=0)
+    near = sliding_window_view(np.pad(steps, ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
+    off = steps - np.median(near, axis=-1)
+    size = np.hypot(*off.T)
+    at = size > max(_OUTSTANDS * float(np.median(size)), 0.03)
+    if e.signals.jumps is not None:
+        at &= ~np.isin(poses.rows[1:], e.signals.jumps.index)
+    n = int(np.count_nonzero(at))
+    if not 0 < n < 0.02 * len(at):
+        return
+    moved = np.cumulative_sum(np.where(at[:, None], off, 0.0), axis=0, include_initial=True)
+    ways = {name: (poses.t, poses.pose[:, k] - moved[:, k]) for k, name in enumerate(names)}
+    words = (
+        f"x and y make {n} step{'s' * (n > 1)} of {np.median(size[at]):.2g} m, the first at "
+        f"{poses.t[1:][at][0]:.1f} s, that no wheel made: the localiser corrects itself"
+    )
+    yield Idea("jumps", names, words, e.but(e.signals.windows.means_of(ways, "pose")), parts=False)
+
+
+# ------------------------------------------------------------------------------- tells nothing
+def _clipped_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Rates that stay at a bound where the motion is beyond it."""
+    changed = {}
+    levels = []
+    group = e.signals.log.groups[column_of(names[0]).group]
+    for name, basis in list_bases(e, names).items():
+        values = np.abs(group.columns[name])
+        most = float(np.max(values))
+        at = (values > (1.0 - 1e-4) * most).astype(np.float64)
+        if most <= 0.0 or np.mean(at) < 0.02:
+            continue
+        way = {name: (group.t, integrate_rates(group.t, at))}
+        share = e.signals.windows.means_of(way, column_of(name).group)[name]
+        mean = e.means[name]
+        told = basis @ fit_factors(basis, np.where(share < 0.01, mean, math.nan))
+        # what would be beyond the bound is explained, whatever it is
+        beyond = (share > 0.01) & (told * np.sign(mean) > 0.95 * np.abs(mean))
+        changed[name] = np.where(beyond, told, mean)
+        levels.append(most)
+    if changed:
+        words = (
+            f"{join_names((*changed,), 'stay')} at +-{max(levels):.3g} where the other signals say "
+            "more: clipped"
+        )
+        yield Idea("clipped", (*changed,), words, e.but(changed), 2.0, parts=False)
+
+
+_GROUND = 1.0 / 3.0
+"""Share of the time from which slip of both sides is the ground's, and no fault [1]."""
+_SLIPPED = 1.2
+"""Cost of each window in which wheels slip: a residual of 1.5 times the noise."""
+
+
+def _slipping_wheels(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Wheels that turn while the robot stands, or stand while it moves."""
+    basis = e.basis_of(names[0])
+    if basis is None or "pose" not in e.told[0]:
+        return
+    sides = np.array([e.means[name] for name in names])
+    told = np.array([basis @ fit_factors(basis, side) for side in sides])
+    size = np.percentile(np.abs(sides), 80.0)
+    most = np.maximum(0.35 * np.maximum(np.abs(sides), np.abs(told)), 0.25 * size)
+    slips = np.abs(sides - told) > most
+    more = np.abs(sides) - np.abs(told)
+    fast = slips & (more > 0.0)
+    # commands of wheels that slip may tell as little
+    for blamed, others, where in (
+        (names[:1], (), fast[0] & ~slips[1]),
+        (names[1:], (), fast[1] & ~slips[0]),
+        (names, (), slips.any(axis=0)),
+        (names, TWIST, slips.any(axis=0)),
+    ):
+        if np.count_nonzero(where) < 8 or (blamed == names and np.mean(where) > _GROUND):
+            continue
+        how = "although its wheels stand: is it pushed or carried?"
+        if len(blamed) == 1:
+            how = f"slower than {blamed[0]} alone tells: its wheels slip, or are lifted"
+        elif np.median(more.sum(axis=0)[where]) > 0.0:
+            how = "in another way than its wheels turn: they slip"
+        words = f"the robot moves in {100.0 * np.mean(where):.0f} % of the time {how}"
+        changed = {}
+        for name in (*blamed, *others):
+            basis = e.basis_of(name)
+            if name in e.means and basis is not None:
+                told_so = basis @ fit_factors(basis, e.means[name])
+                changed[name] = np.where(where, told_so, e.means[name])
+        # each window costs as much as if nothing were told in it
+        price = _SLIPPED * (1.0 + 0.75 * len(others))
+        freedom = 3.0 + len(others) + price * np.count_nonzero(where) / math.log(len(where))
+        after = e.but(changed)
+        yield Idea("slip", blamed, words, after, freedom, parts=False)
+
+
+def _unrelated_signals(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Signals that resemble nothing that the robot did: no more than at another time."""
+    n = len(e.signals.windows.t)
+    sensor = column_of(names[0]).group
+    own = {*names, "heading"} if names == POSE_COLUMNS else {*names}
+    at_random = []
+    for share in (0.25, 0.4, 0.55, 0.7):
+        rolled = e.but({name: np.roll(e.means[name], round(share * n)) for name in own})
+        costs = [pair.cost for pair in rolled.pairs if sensor in (pair.a, pair.b)]
+        at_random.append(np.nanmean(np.concatenate([*costs, [0.0]])))
+    words = (
+        f"{join_names(names, 'resemble')} nothing that the robot did, while the other columns "
+        "resemble one another: another axis or quantity, or those of another drive?"
+    )
+    nothing = e.but({name: np.full(n, math.nan) for name in own})
+    after = replace(nothing, untold=0.6 * float(np.median(at_random)))
+    kind = "swapped" if sensor == "imu" else "unrelated"
+    yield Idea(kind, names, words, after, parts=False)
+
+
+_OF_SAMPLES: Sequence[Mistake] = (
+    (_other_readings, (GYRO, PLACE, ENCODERS, ODOMETRY)),
+    (_small_jumps, (PLACE,)),
+    (_clipped_columns, (GYRO, ENCODERS, ODOMETRY)),
+    (_slipping_wheels, (ENCODERS,)),
+    (_unrelated_signals, (GYRO, POSE_COLUMNS, ENCODERS, ODOMETRY, TWIST)),
+)
+"""The mistakes of samples, and the columns that each may be in."""
+
 
 # ------------------------------------------------------------------------------------------ judge
 _LEAST = 8.0
@@ -50,9 +300,9 @@ def explanations(e: Agreement) -> list[Explanation]:
     """Return the hypotheses by what they explain, the best first."""
     found = []
     n = len(e.signals.windows.t)
-    for idea in list_ideas(e):
+    for idea in _list_ideas(e):
         gains = 0.5 * idea.after.gain_over(e)  # windows overlap by half
-        span = best_span(gains) if idea.parts else slice(0, n)
+        span = _best_span(gains) if idea.parts else slice(0, n)
         if span.stop - span.start > _WHOLE * n:
             span = slice(0, n)
         partly = span.stop - span.start < n
@@ -61,6 +311,31 @@ def explanations(e: Agreement) -> list[Explanation]:
         if gain > max(_LEAST, _LEAST_EACH * n) and _explains_span(e, idea, span):
             found.append(Explanation(gain, idea, span))
     return sorted(found, key=lambda v: -v.gain)
+
+
+_QUIET = 0.1
+"""Cost of a pair of sound signals in a window."""
+_NOTICED = 6.0
+"""Cost beyond that from which columns are looked at [nats]."""
+
+
+def _list_ideas(e: Agreement) -> Iterator[Idea]:
+    """Yield the hypotheses on columns that do not agree with the others."""
+    for explain, subjects in (*MISTAKES, *_OF_SAMPLES):
+        for names in subjects:
+            own = [bool(pair.columns & {*names}) for pair in e.pairs]
+            beyond = np.maximum(np.nan_to_num(e.costs[own]) - _QUIET, 0.0)
+            if {*names} <= e.means.keys() and 0.5 * float(np.sum(beyond)) > _NOTICED:
+                yield from explain(e, names)
+
+
+def _best_span(gains: FloatArray) -> slice:
+    """Return the windows in a row whose (N,) gains have the greatest sum."""
+    so_far = np.cumulative_sum(gains, include_initial=True)
+    low = np.minimum.accumulate(so_far)
+    stop = int(np.argmax(so_far - low))
+    start = int(np.argmin(so_far[: stop + 1]))
+    return slice(start, stop)
 
 
 def _explains_span(e: Agreement, idea: Idea, span: slice) -> bool:

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
-from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray
 from validation.files.agreement import Agreement, columns_of, is_ordinary
 from validation.files.columns import POSE_COLUMNS, UNITS, column_of
@@ -23,21 +20,22 @@ from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST, Way
 from validation.files.sensors import FEWEST_WINDOWS
 from validation.files.signals import explain_share, find_peak, sturdy_fit
 
-Columns = tuple[str, ...]
+Blamed = tuple[str, ...]
 PLACE = ("x", "y")
-SUBJECTS: tuple[Columns, ...] = (
+GYRO: Blamed = ("gyro_z",)
+SUBJECTS: tuple[Blamed, ...] = (
     *(("gyro_z",), ("yaw",), PLACE, POSE_COLUMNS, ENCODERS, ODOMETRY, TWIST),
     *((name,) for name in (*ENCODERS, *ODOMETRY, *TWIST)),
 )
-"""Columns that a mistake may be in at once."""
+"""Blamed that a mistake may be in at once."""
 
 
 class Idea(NamedTuple):
     """A hypothesis, as far as a log tells it."""
 
     kind: str
-    columns: Columns
-    """Columns that it blames."""
+    columns: Blamed
+    """Blamed that it blames."""
     words: str
     """Sentence on it."""
     after: Agreement
@@ -46,6 +44,10 @@ class Idea(NamedTuple):
     """Number of parameters that are fitted for it."""
     parts: bool = True
     """Whether it may hold for a part of a log."""
+
+
+Mistake = tuple[Callable[[Agreement, Blamed], Iterator[Idea]], Sequence[Blamed]]
+"""A function that looks for a mistake in columns, and the columns that it may be in."""
 
 
 def join_names(names: Sequence[str], verb: str = "seem") -> str:
@@ -64,7 +66,7 @@ def fit_factors(basis: FloatArray, values: FloatArray) -> FloatArray:
     return sturdy_fit(basis[known], values[known])
 
 
-def _bases_of(e: Agreement, names: Columns) -> dict[str, FloatArray]:
+def list_bases(e: Agreement, names: Blamed) -> dict[str, FloatArray]:
     """Return by column what others tell of it; of a whole pose, by its yaw alone."""
     bases = {}
     for name in names if "yaw" not in names else ("yaw",):
@@ -77,10 +79,10 @@ def _bases_of(e: Agreement, names: Columns) -> dict[str, FloatArray]:
 
 # ------------------------------------------------------------------------------------------ places
 _Sources = Mapping[str, Mapping[str, float]]
-"""Columns that change: by column the factors of those that it is made of [1]."""
+"""Blamed that change: by column the factors of those that it is made of [1]."""
 
 
-def _list_swaps() -> Iterator[tuple[str, Columns, str, _Sources, float]]:
+def _list_swaps() -> Iterator[tuple[str, Blamed, str, _Sources, float]]:
     """Yield kinds, columns, words, what they are made of, and a turn of the heading [rad]."""
 
     def signed(*names: str) -> _Sources:
@@ -112,7 +114,7 @@ def _list_swaps() -> Iterator[tuple[str, Columns, str, _Sources, float]]:
         yield "handedness", ("yaw",), what, {"yaw": {"yaw": sign}}, turn
 
 
-def _swapped_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
+def _swapped_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Signs, places and frames."""
     for kind, blamed, words, sources, rotation in _list_swaps():
         if blamed != names or not sources.keys() <= e.means.keys():
@@ -130,7 +132,7 @@ def _path_angle(e: Agreement, heading: FloatArray) -> float | None:
     """Return the angle from headings to the path [rad]; None where it is none, or unusual."""
     step = e.means["x"] + 1j * e.means["y"]
     along = np.real(step * np.exp(-1j * heading))
-    bases = _bases_of(e, PLACE)
+    bases = list_bases(e, PLACE)
     if bases:
         ways = np.hstack([*bases.values()]) @ [1.0, 1.0j]
         along = np.real(ways * np.exp(-1j * e.means["heading"]))
@@ -149,7 +151,7 @@ _ANGLE = math.radians(8.0)
 """Angle between path and heading from which it is unusual [rad]."""
 
 
-def _turned_path(e: Agreement, names: Columns) -> Iterator[Idea]:
+def _turned_path(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """A path at an angle to its heading, or counted along the robot."""
     heading = e.means["heading"]
     angle = _path_angle(e, heading)
@@ -168,7 +170,7 @@ def _turned_path(e: Agreement, names: Columns) -> Iterator[Idea]:
         yield Idea("frame", PLACE, words, e.but({"x": fixed.real, "y": fixed.imag}), parts=False)
 
 
-def _curved_rates(e: Agreement, names: Columns) -> Iterator[Idea]:
+def _curved_rates(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Yaw rates that are curvatures of the path."""
     v, w = names
     words = f"{w} follows the curvature of the path: times {v} it tells the turn"
@@ -176,13 +178,13 @@ def _curved_rates(e: Agreement, names: Columns) -> Iterator[Idea]:
     yield Idea("curvature", (w,), words, turned, parts=False)
 
 
-def _unsigned_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Columns that tell no direction: never negative, although the robot drives backwards."""
+def _unsigned_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Blamed that tell no direction: never negative, although the robot drives backwards."""
     raw = [e.signals.log.columns[name] for name in names]
     if any(values.min() < -0.01 * values.max() for values in raw):
         return
     changed = dict[str, FloatArray]()
-    for name, basis in _bases_of(e, names).items():
+    for name, basis in list_bases(e, names).items():
         # of a side of wheels, the direction is that of v -+ b w
         levers = np.linspace(-1.5, 1.5, 31) if basis.shape[1] > 1 else np.zeros(1)
         ahead = np.sign(basis[:, :1] + basis[:, -1:] * levers)
@@ -196,7 +198,7 @@ def _unsigned_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
 
 
 # ------------------------------------------------------------------------------------------ units
-_PRECISIONS: Mapping[Columns, float] = {
+_PRECISIONS: Mapping[Blamed, float] = {
     ("yaw",): 0.03,
     ("gyro_z",): 0.03,
     ("odom_w",): 0.1,
@@ -209,7 +211,7 @@ _PRECISIONS: Mapping[Columns, float] = {
 """How well the factor of columns that are in another unit is known [1]."""
 
 
-def _told(names: Columns, e: Agreement) -> Iterator[tuple[str, float, str]]:
+def _told(names: Blamed, e: Agreement) -> Iterator[tuple[str, float, str]]:
     """Yield by each pair what columns tell, their factor, and by which sensor that is told."""
     sensor = column_of(names[0]).group
     for pair in e.pairs:
@@ -221,8 +223,8 @@ def _told(names: Columns, e: Agreement) -> Iterator[tuple[str, float, str]]:
                 yield pair.what, factor, pair.b if first else pair.a
 
 
-def _other_units(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Columns that are a factor too large or too small."""
+def _other_units(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Blamed that are a factor too large or too small."""
     told = [(what, f, by) for what, f, by in _told(names, e) if 1e-7 < f < 1e9]
     odd = [f for what, f, _ in told if not is_ordinary(what, column_of(names[0]).group, f)]
     for factor in {f"{f:.2g}": f for f in odd}.values():
@@ -239,7 +241,7 @@ def _other_units(e: Agreement, names: Columns) -> Iterator[Idea]:
 
 
 def _words_of_unit(
-    names: Columns, told: Sequence[tuple[str, float, str]], factor: float, e: Agreement
+    names: Blamed, told: Sequence[tuple[str, float, str]], factor: float, e: Agreement
 ) -> str:
     """Return words for the factor of columns, and for the unit that they may be in."""
     radius = e.signals.radius
@@ -267,7 +269,7 @@ def _words_of_unit(
     return f"{words}: ticks, a gear of about {gear}, or {wheel}?"
 
 
-def _fitting_unit(names: Columns, factor: float, radius: float | None) -> str:
+def _fitting_unit(names: Blamed, factor: float, radius: float | None) -> str:
     """Return the unit that a factor fits to its precision, as no other does; nothing for none."""
     precision = _PRECISIONS[names]
     base = column_of(names[0]).unit
@@ -286,9 +288,9 @@ def _fitting_unit(names: Columns, factor: float, radius: float | None) -> str:
     return away[0][1] if away and away[0][0] < precision and alone else ""
 
 
-def _one_of_two(e: Agreement, names: Columns) -> Iterator[Idea]:
+def _one_of_two(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """One of x and y in another unit, or one of the two sides of wheels."""
-    bases = _bases_of(e, names).items()
+    bases = list_bases(e, names).items()
     factors = [abs(fit_factors(basis, e.means[name])[0]) for name, basis in bases]
     if not min(factors, default=0.0) > 1e-9:
         return
@@ -312,12 +314,12 @@ _DRIFT = 0.04
 """Change of such an offset through a log from which it is a fault [rad/s]."""
 
 
-def _trends_of_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Columns whose factor grows through the log; rates of turning that are shifted, or drift."""
+def _trends_of_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Blamed whose factor grows through the log; rates of turning that are shifted, or drift."""
     share = np.linspace(-0.5, 0.5, len(e.signals.windows.t))
     one = np.ones(len(share))
     growths = []
-    for name, basis in _bases_of(e, names).items():
+    for name, basis in list_bases(e, names).items():
         values = e.means[name]
         factors = fit_factors(np.hstack([basis, share[:, None] * basis]), values)
         growths.append(factors[basis.shape[1]] / (factors[0] or 1.0))
@@ -348,7 +350,7 @@ def _trends_of_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
 
 
 # ------------------------------------------------------------------------------------------ time
-def _time_unit(e: Agreement, names: Columns) -> Iterator[Idea]:
+def _time_unit(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Time in another unit: turns and ways of the pose are too fast by the same factor."""
     told = dict[str, float]()
     for what, factor, by in chain(_told(("yaw",), e), _told(PLACE, e)):
@@ -375,8 +377,6 @@ _TAKEN_OUT = 1.5
 """Delay of all columns of a sensor up to which it is taken out, and no fault [s]."""
 _LATE = 0.3
 """Delay of some of them behind the others from which it is a fault [s]."""
-_FOLLOWS = 0.6
-"""Share of the slopes of positions that others explain, at least [1]."""
 _SURE = 0.8
 """Share of a column that others explain from which its delay is known [1]."""
 
@@ -398,7 +398,7 @@ def find_delays(
         others explain then [1]; NaN and 0 where nothing does.
     """
     windows = e.signals.windows
-    bases = _bases_of(e, tuple(ways))
+    bases = list_bases(e, tuple(ways))
     most = round(_LONGEST_S / e.period)
     shifts = np.arange(-most, most + 1)
     # windows begin and end where others have their middles
@@ -415,8 +415,8 @@ def find_delays(
     return np.array(late), found.max(axis=1)
 
 
-def _other_clocks(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Columns that are late, by some time or by more and more."""
+def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Blamed that are late, by some time or by more and more."""
     from scipy import stats  # here: it takes a tenth of a second to import
 
     t = e.signals.windows.t
@@ -463,9 +463,9 @@ _WIDTHS_S = (2.0, 3.0, 4.0, 6.0, 8.0)
 """Times over which a smoothed signal may be averaged [s]."""
 
 
-def _smoothed_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Columns that are averaged over seconds, or follow late as a low-pass does."""
-    bases = _bases_of(e, names)
+def _smoothed_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Blamed that are averaged over seconds, or follow late as a low-pass does."""
+    bases = list_bases(e, names)
     if names == ENCODERS and "gyro_z" not in e.means:
         return  # a localiser is too noisy to show how much faster the robot turns
     best = dict[str, tuple[float, float, FloatArray]]()
@@ -518,269 +518,16 @@ def _blur(columns: FloatArray, kernel: FloatArray) -> FloatArray:
     return np.column_stack([np.convolve(each, kernel, mode="valid") for each in padded.T])
 
 
-# ------------------------------------------------------------------------------------------ samples
-_LOST_IN_A_ROW = 8
-"""Samples from one told rate to the next between which others are lost."""
-
-
-def _without_zeros(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
-    """Zeros, one or a few in a row, between rates of one sign."""
-    told = np.flatnonzero(values != 0.0)
-    if not len(told):
-        return None
-    after = np.searchsorted(told, np.arange(len(values)))
-    last = told[np.maximum(after - 1, 0)]
-    later = told[np.minimum(after, len(told) - 1)]
-    lost = (values == 0.0) & (later - last < _LOST_IN_A_ROW) & (values[last] * values[later] > 0.0)
-    n = np.count_nonzero(lost)
-    way = t[~lost], integrate_rates(t[~lost], values[~lost])
-    words = f"zero for single samples, {n} times: lost messages stand as zeros; leave them out"
-    return (way, words) if n > max(5.0, 0.01 * len(values)) else None
-
-
-def _without_spikes(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
-    """Single samples that no robot reaches."""
-    before, middle, after = sliding_window_view(np.pad(values, 1, "edge"), 3).T
-    off = np.abs(middle - 0.5 * (before + after))
-    spikes = off > max(8.0 * float(np.percentile(off, 85.0)), 0.5 * float(np.std(values)))
-    spikes &= np.abs(before - after) < 0.3 * off
-    n = np.count_nonzero(spikes)
-    words = (
-        f"beside itself for single samples, {n} times, by {np.max(off[spikes], initial=0.0):.3g} "
-        "within a sample: nothing does that"
-    )
-    way = t[~spikes], integrate_rates(t[~spikes], values[~spikes])
-    return (way, words) if 3 <= n < 0.2 * len(values) else None
-
-
-def _unwrapped(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
-    """Rates that go on at the other end of their range."""
-    period = float(np.ptp(values))
-    n = np.count_nonzero(np.abs(np.diff(values)) > 0.8 * period)
-    way = t, integrate_rates(t, np.unwrap(values, period=period or 1.0))
-    words = f"at the other end of its range of {period:.3g} {n} times: a counter wraps"
-    return (way, words) if n >= 3 else None
-
-
-def _positions(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
-    """Positions, which add up."""
-    span = float(np.ptp(values))
-    if span <= 0.0 or np.percentile(np.abs(np.diff(values)), 90.0) > 0.05 * span:
-        return None
-    wraps = np.count_nonzero(np.abs(np.diff(values)) > 0.5 * span)
-    words = (
-        "a position, which adds up, and not a rate: its slope tells the motion; --columns "
-        "enc_left=NAME:rad (or :turns, :deg, :ticks) takes those of wheels"
-    )
-    if not wraps:
-        return (t, values), words
-    return (t, np.unwrap(values, period=span)), f"{words}; and it wraps: count on instead"
-
-
-def _summed_speeds(t: FloatArray, values: FloatArray) -> tuple[Way, str]:
-    """Positions that are speeds."""
-    return (t, integrate_rates(t, values)), "a speed, and no position"
-
-
-_Reading = Callable[[FloatArray, FloatArray], tuple[Way, str] | None]
-_READINGS: Mapping[str, Sequence[_Reading]] = {
-    "spikes": (_without_zeros, _without_spikes),
-    "counter": (_unwrapped,),
-    "positions": (_positions,),
-    "swapped": (_summed_speeds,),
-}
-"""By kind, how samples of columns are read instead."""
-
-
-def _other_readings(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Columns whose samples mean something else, or nothing at times."""
-    group = e.signals.log.groups[column_of(names[0]).group]
-    for kind, read in [(kind, read) for kind, reads in _READINGS.items() for read in reads]:
-        if (kind == "swapped") != (names == PLACE):
-            continue
-        found = {name: read(group.t, group.columns[name]) for name in names}
-        ways = {name: each[0] for name, each in found.items() if each is not None}
-        said = [each[1] for each in found.values() if each is not None]
-        if not ways or (kind == "positions" and len(ways) < len(names)):
-            continue
-        late = 0.0
-        if kind == "positions":
-            (late,), (sure,) = find_delays(e, ways, [0])
-            if not sure > _FOLLOWS:
-                continue
-        changed = dict(e.signals.windows.means_of(ways, column_of(names[0]).group, late))
-        for name, values in changed.items():
-            basis = e.basis_of(name)
-            if kind == "positions" and basis is not None:  # in whatever unit they are
-                usual = 1.0 / STOCK.radius if name in ENCODERS else 1.0
-                changed[name] = values * usual / (float(fit_factors(basis, values)[0]) or 1.0)
-        words = f"{' and '.join(ways)}: {said[0]}"
-        kind_said = "counter" if "wraps" in said[0] else kind
-        yield Idea(kind_said, (*ways,), words, e.but(changed), 2.0, parts=False)
-
-
-_OUTSTANDS = 12.0
-"""Size of a correction over the median difference between a step and those beside it [1]."""
-
-
-def _small_jumps(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Steps of the pose that no wheel made, too small to be jumps of any log."""
-    poses = e.signals.poses
-    if poses is None or len(poses.t) < 40:
-        return
-    steps = np.diff(poses.pose[:, :2], axis=0)
-    near = sliding_window_view(np.pad(steps, ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
-    off = steps - np.median(near, axis=-1)
-    size = np.hypot(*off.T)
-    at = size > max(_OUTSTANDS * float(np.median(size)), 0.03)
-    if e.signals.jumps is not None:
-        at &= ~np.isin(poses.rows[1:], e.signals.jumps.index)
-    n = int(np.count_nonzero(at))
-    if not 0 < n < 0.02 * len(at):
-        return
-    moved = np.cumulative_sum(np.where(at[:, None], off, 0.0), axis=0, include_initial=True)
-    ways = {name: (poses.t, poses.pose[:, k] - moved[:, k]) for k, name in enumerate(names)}
-    words = (
-        f"x and y make {n} step{'s' * (n > 1)} of {np.median(size[at]):.2g} m, the first at "
-        f"{poses.t[1:][at][0]:.1f} s, that no wheel made: the localiser corrects itself"
-    )
-    yield Idea("jumps", names, words, e.but(e.signals.windows.means_of(ways, "pose")), parts=False)
-
-
-# ------------------------------------------------------------------------------- tells nothing
-def _clipped_columns(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Rates that stay at a bound where the motion is beyond it."""
-    changed = {}
-    levels = []
-    group = e.signals.log.groups[column_of(names[0]).group]
-    for name, basis in _bases_of(e, names).items():
-        values = np.abs(group.columns[name])
-        most = float(np.max(values))
-        at = (values > (1.0 - 1e-4) * most).astype(np.float64)
-        if most <= 0.0 or np.mean(at) < 0.02:
-            continue
-        way = {name: (group.t, integrate_rates(group.t, at))}
-        share = e.signals.windows.means_of(way, column_of(name).group)[name]
-        mean = e.means[name]
-        told = basis @ fit_factors(basis, np.where(share < 0.01, mean, math.nan))
-        # what would be beyond the bound is explained, whatever it is
-        beyond = (share > 0.01) & (told * np.sign(mean) > 0.95 * np.abs(mean))
-        changed[name] = np.where(beyond, told, mean)
-        levels.append(most)
-    if changed:
-        words = (
-            f"{join_names((*changed,), 'stay')} at +-{max(levels):.3g} where the other signals say "
-            "more: clipped"
-        )
-        yield Idea("clipped", (*changed,), words, e.but(changed), 2.0, parts=False)
-
-
-_GROUND = 1.0 / 3.0
-"""Share of the time from which slip of both sides is the ground's, and no fault [1]."""
-_SLIPPED = 1.2
-"""Cost of each window in which wheels slip: a residual of 1.5 times the noise."""
-
-
-def _slipping_wheels(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Wheels that turn while the robot stands, or stand while it moves."""
-    basis = e.basis_of(names[0])
-    if basis is None or "pose" not in e.told[0]:
-        return
-    sides = np.array([e.means[name] for name in names])
-    told = np.array([basis @ fit_factors(basis, side) for side in sides])
-    size = np.percentile(np.abs(sides), 80.0)
-    most = np.maximum(0.35 * np.maximum(np.abs(sides), np.abs(told)), 0.25 * size)
-    slips = np.abs(sides - told) > most
-    more = np.abs(sides) - np.abs(told)
-    fast = slips & (more > 0.0)
-    # commands of wheels that slip may tell as little
-    for blamed, others, where in (
-        (names[:1], (), fast[0] & ~slips[1]),
-        (names[1:], (), fast[1] & ~slips[0]),
-        (names, (), slips.any(axis=0)),
-        (names, TWIST, slips.any(axis=0)),
-    ):
-        if np.count_nonzero(where) < 8 or (blamed == names and np.mean(where) > _GROUND):
-            continue
-        how = "although its wheels stand: is it pushed or carried?"
-        if len(blamed) == 1:
-            how = f"slower than {blamed[0]} alone tells: its wheels slip, or are lifted"
-        elif np.median(more.sum(axis=0)[where]) > 0.0:
-            how = "in another way than its wheels turn: they slip"
-        words = f"the robot moves in {100.0 * np.mean(where):.0f} % of the time {how}"
-        changed = {}
-        for name in (*blamed, *others):
-            basis = e.basis_of(name)
-            if name in e.means and basis is not None:
-                told_so = basis @ fit_factors(basis, e.means[name])
-                changed[name] = np.where(where, told_so, e.means[name])
-        # each window costs as much as if nothing were told in it
-        price = _SLIPPED * (1.0 + 0.75 * len(others))
-        freedom = 3.0 + len(others) + price * np.count_nonzero(where) / math.log(len(where))
-        after = e.but(changed)
-        yield Idea("slip", blamed, words, after, freedom, parts=False)
-
-
-def _unrelated_signals(e: Agreement, names: Columns) -> Iterator[Idea]:
-    """Signals that resemble nothing that the robot did: no more than at another time."""
-    n = len(e.signals.windows.t)
-    sensor = column_of(names[0]).group
-    own = {*names, "heading"} if names == POSE_COLUMNS else {*names}
-    at_random = []
-    for share in (0.25, 0.4, 0.55, 0.7):
-        rolled = e.but({name: np.roll(e.means[name], round(share * n)) for name in own})
-        costs = [pair.cost for pair in rolled.pairs if sensor in (pair.a, pair.b)]
-        at_random.append(np.nanmean(np.concatenate([*costs, [0.0]])))
-    words = (
-        f"{join_names(names, 'resemble')} nothing that the robot did, while the other columns "
-        "resemble one another: another axis or quantity, or those of another drive?"
-    )
-    nothing = e.but({name: np.full(n, math.nan) for name in own})
-    after = replace(nothing, untold=0.6 * float(np.median(at_random)))
-    kind = "swapped" if sensor == "imu" else "unrelated"
-    yield Idea(kind, names, words, after, parts=False)
-
-
-_GYRO: Columns = ("gyro_z",)
-_MEASURED = (_GYRO, PLACE, POSE_COLUMNS, ENCODERS, ODOMETRY)
-HYPOTHESES: Sequence[tuple[Callable[[Agreement, Columns], Iterator[Idea]], Sequence[Columns]]] = (
+MISTAKES: Sequence[Mistake] = (
     (_swapped_columns, (*SUBJECTS, ("x",), ("y",), ("y", "yaw"))),
     (_turned_path, (POSE_COLUMNS,)),
     (_curved_rates, (TWIST, ODOMETRY)),
     (_unsigned_columns, SUBJECTS),
     (_other_units, (*_PRECISIONS,)),
     (_one_of_two, (PLACE, ENCODERS)),
-    (_trends_of_columns, (_GYRO, ("odom_w",), PLACE, ENCODERS)),
+    (_trends_of_columns, (GYRO, ("odom_w",), PLACE, ENCODERS)),
     (_time_unit, (POSE_COLUMNS,)),
     (_other_clocks, SUBJECTS),
-    (_smoothed_columns, (*_MEASURED, ("yaw",))),
-    (_other_readings, (_GYRO, PLACE, ENCODERS, ODOMETRY)),
-    (_small_jumps, (PLACE,)),
-    (_clipped_columns, (_GYRO, ENCODERS, ODOMETRY)),
-    (_slipping_wheels, (ENCODERS,)),
-    (_unrelated_signals, (_GYRO, POSE_COLUMNS, ENCODERS, ODOMETRY, TWIST)),
+    (_smoothed_columns, (GYRO, PLACE, POSE_COLUMNS, ENCODERS, ODOMETRY, ("yaw",))),
 )
-"""The mistakes, and the columns that each may be in."""
-_ORDINARY = 0.1
-"""Cost of a pair of sound signals in a window."""
-_LEAST = 6.0
-"""Cost beyond that from which columns are looked at [nats]."""
-
-
-def list_ideas(e: Agreement) -> Iterator[Idea]:
-    """Yield the hypotheses on columns that do not agree with the others."""
-    for explain, subjects in HYPOTHESES:
-        for names in subjects:
-            own = [bool(pair.columns & {*names}) for pair in e.pairs]
-            beyond = np.maximum(np.nan_to_num(e.costs[own]) - _ORDINARY, 0.0)
-            if {*names} <= e.means.keys() and 0.5 * float(np.sum(beyond)) > _LEAST:
-                yield from explain(e, names)
-
-
-def best_span(gains: FloatArray) -> slice:
-    """Return the windows in a row whose (N,) gains have the greatest sum."""
-    so_far = np.cumulative_sum(gains, include_initial=True)
-    low = np.minimum.accumulate(so_far)
-    stop = int(np.argmax(so_far - low))
-    start = int(np.argmin(so_far[: stop + 1]))
-    return slice(start, stop)
+"""The mistakes of meaning and of time, and the columns that each may be in."""

@@ -64,12 +64,13 @@ _TYPICAL = {"wheels": 1.89, "cmd": 2.3}
 
 def frozen(e: Signals) -> Iterator[LogFault]:
     """Columns that keep their value for long while others say that the robot moves."""
-    told = [*motion_by_sensor(e.means)]
-    told[1] = {sensor: turn / _TYPICAL.get(sensor, 1.0) for sensor, turn in told[1].items()}
+    speeds, turns = motion_by_sensor(e.means)
+    told = [*speeds.items()]
+    told += [(sensor, turn / _TYPICAL.get(sensor, 1.0)) for sensor, turn in turns.items()]
     shares = {}
     for name, values in e.log.columns.items():
         own = column_of(name).group
-        others = [each[sensor] for each in told for sensor in each if sensor != own]
+        others = [rates for sensor, rates in told if sensor != own]
         known = column_of(name).usual < math.inf or name in POSE_COLUMNS
         # joysticks command nothing; currents and accelerations are noisy
         if not others or not known or name in TWIST or (name not in e.means and np.ptp(values)):

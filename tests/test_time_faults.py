@@ -193,7 +193,8 @@ def test_speeds_are_those_of_the_path_also_from_a_start_that_is_turned(turned: f
     run = run_loop(robot.plant, law, eight(), LoopSettings(rest=REST), 3, start)
     assert not run.lost
     fastest = float(eight().segment_speeds.max())
-    assert np.abs(run.column("v_x")).max() <= 1.25 * fastest
+    # the command of 1.2 times that; this robot rolls on 3 % less than the driver's radius
+    assert np.abs(run.column("v_cmd")).max() <= 1.2 * 1.035 * fastest
     assert math.dist(run.columns("x", "y")[-1], eight().xy[-1]) < 0.05
 
 

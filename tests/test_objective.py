@@ -199,10 +199,9 @@ def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:
 SOLVER_LEAVES_M = 3e-6
 """What conjugate gradients leave of a path [m]: populations drive bodies from the origin, and turn
 their motions to where they begin."""
-SOLVER_LEAVES_N_M = 0.01
-"""The same of a torque, of which up to 60 N m is at work [N m]."""
-SOLVER_LEAVES_N_M = 0.01
-"""The same of a torque, of which up to 60 N m is at work [N m]."""
+SOLVER_LEAVES_N_M = 0.005
+"""The same of a torque, of which up to 60 N m is at work, as a root mean square [N m]: single
+samples, where a wheel's slip changes its direction, hang on the last digit."""
 
 
 def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
@@ -221,14 +220,15 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
             for row, profile in ((0, plant), (2, other)):
                 made = make_plant(Profile("", "", {name: profile}, {}), name)
                 alone = drive_piece(made, piece, profile.localiser, target.sample_dt)
-                off = SOLVER_LEAVES_M if plant_kind(name).torques else 1e-12
-                assert np.abs(many[row][:, :3] - alone.pose).max() < off
+                most = SOLVER_LEAVES_M if plant_kind(name).torques else 1e-12
+                assert np.abs(many[row][:, :3] - alone.pose).max() < most
                 assert many.shape[2] == (5 if plant_kind(name).torques else 3)
                 if plant_kind(name).torques:
                     torques = side_torques(alone)
                     assert torques is not None
-                    off = SOLVER_LEAVES_N_M
-                    assert np.allclose(many[row][:, 3:], torques, 0.0, off, equal_nan=True)
+                    off = many[row][:, 3:] - torques
+                    assert np.array_equal(np.isnan(many[row][:, 3:]), np.isnan(torques))
+                    assert np.sqrt(np.nanmean(off**2)) < SOLVER_LEAVES_N_M
 
 
 def test_a_body_is_driven_once_however_it_is_seen(lab: Profile, monkeypatch: Any) -> None:

@@ -415,6 +415,10 @@ def find_delays(
     return np.array(late), found.max(axis=1)
 
 
+_OF_SPAN = 0.25
+"""Share of a span that its delay is shorter than: of a longer one too little is left to compare."""
+
+
 def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Blamed that are late, by some time or by more and more."""
     from scipy import stats  # here: it takes a tenth of a second to import
@@ -430,8 +434,10 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     parts = max(6, round(float(np.ptp(t)) / 20.0))
     starts = np.linspace(0, len(t), parts + 1).astype(int)[:-1]
     late, sure = find_delays(e, ways, starts.tolist())
-    known = np.isfinite(late) & (sure > _SURE)
-    lags = [*find_delays(e, ways, [0])[0], *late[known][:1], *late[known][-1:]]
+    whole = find_delays(e, ways, [0])[0]
+    longest = _OF_SPAN * float(np.ptp(t))
+    known = (sure > _SURE) & (np.abs(late) < longest / parts)
+    lags = [*whole[np.abs(whole) < longest], *late[known][:1], *late[known][-1:]]
     for lag in {*np.round(lags, 1).tolist()}:
         off = lag if others else taken + lag
         if not abs(off) > least:
@@ -522,7 +528,7 @@ MISTAKES: Sequence[Mistake] = (
     (_swapped_columns, (*SUBJECTS, ("x",), ("y",), ("y", "yaw"))),
     (_turned_path, (POSE_COLUMNS,)),
     (_curved_rates, (TWIST, ODOMETRY)),
-    (_unsigned_columns, SUBJECTS),
+    (_unsigned_columns, tuple(names for names in SUBJECTS if names != PLACE)),
     (_other_units, (*_PRECISIONS,)),
     (_one_of_two, (PLACE, ENCODERS)),
     (_trends_of_columns, (GYRO, ("odom_w",), PLACE, ENCODERS)),

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 
 from ssmr.geometry import yaw_to_quat_wxyz
@@ -13,8 +14,8 @@ from ssmr.types import FloatArray
 from tests import bag_factory
 from validation.files.columns import COMMAND_COLUMNS
 from validation.files.csv_logs import read_csv
-from validation.files.formats import read_log, write_log
-from validation.files.inspection import Inspected
+from validation.files.formats import log_path, read_log, write_log
+from validation.files.inspection import Inspected, open_log
 from validation.files.log import Log, ReadOptions
 from validation.files.reading import FileError
 
@@ -375,3 +376,16 @@ def test_a_log_says_what_it_cannot_tell(name: str) -> None:
     assert inspected.good_for()["wheels"] == (not wanted)
     (short,) = Inspected(log.cut(0.0, 5.0)).lacks
     assert "too short for a window of 6 s" in short
+
+
+def test_what_no_mistake_explains_is_said_with_its_number() -> None:
+    """A place that sways by 0.8 m has no wrong unit, sign or frame; the sound log passes."""
+    sound = pandas.read_csv(log_path("husky"))
+    assert not open_log(sound).faults.named
+    t = sound["t"]
+    sways = sound.assign(x=sound["x"] + 0.8 * np.sin(t), y=sound["y"] + 0.8 * np.cos(0.7 * t))
+    (fault,) = open_log(sways).faults.named
+    assert fault.kind == "disagree"
+    assert {"x", "y"} <= {*fault.columns}
+    assert "no mistake that is looked for explains it" in fault.sentence
+    assert float(fault.sentence.partition("disagree by ")[2].split()[0]) > 2.0

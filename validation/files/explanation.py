@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.agreement import Agreement
+from validation.files.agreement import UNTOLD, Agreement
 from validation.files.columns import POSE_COLUMNS, column_of
 from validation.files.hypotheses import (
     GYRO,
@@ -369,7 +369,8 @@ def judged(signals: Signals) -> Iterator[LogFault]:
     for _ in range(_MOST_FAULTS):
         found = [v for v in explanations(e) if not blamed & {*v.idea.columns}]
         if not found:
-            break
+            yield from _unexplained(e, blamed)
+            return
         best = found[0]
         rivals = {best.idea.columns: best}
         for other in found[1:]:
@@ -381,6 +382,25 @@ def judged(signals: Signals) -> Iterator[LogFault]:
             return  # whatever else there is, is of that
         blamed |= {*chain(*rivals)}
         e = _correct_signals(e, best)
+
+
+def _unexplained(e: Agreement, blamed: set[str]) -> Iterator[LogFault]:
+    """Yield what is left over between two sensors, if it is more than if one told nothing."""
+    rest = [
+        (float(np.nanmean(pair.cost)), pair)
+        for pair in e.pairs
+        if not blamed & pair.columns and np.any(np.isfinite(pair.cost))
+    ]
+    cost, worst = max(rest, key=lambda each: each[0], default=(0.0, None))
+    if worst is None or cost < UNTOLD:
+        return
+    columns = tuple(name for name in e.signals.log.columns if name in worst.columns)
+    times = math.sqrt(math.expm1(cost))
+    words = (
+        f"{' and '.join(columns)} disagree by {times:.2g} times their ordinary noise throughout, "
+        "and no mistake that is looked for explains it; the log cannot say which is wrong"
+    )
+    yield LogFault("disagree", columns, words)
 
 
 def _make_fault(signals: Signals, rivals: Sequence[Explanation]) -> LogFault:

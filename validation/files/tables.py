@@ -92,7 +92,7 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
     """
     with opened(path, limits.bytes_of("table_size"), "table_size") as file:
         layout = _find_layout(path, file)
-        plain = _read_plain_table(path, file, layout, limits.samples)
+        plain = _read_plain_table(path, layout, limits.samples)
         rows = _rows(path, file, layout)
         return plain or read_rows(path, layout.line, layout.header, rows, limits)
 
@@ -151,14 +151,14 @@ def _note_decimal_sign(path: Path, found: dict[str, str], line: int, cell: str) 
         raise FileError(path, what, line)
 
 
-def _read_plain_table(path: Path, file: BinaryIO, layout: _Layout, most: float) -> CsvTable | None:
+def _read_plain_table(path: Path, layout: _Layout, most: float) -> CsvTable | None:
     """Return a large table whose cells are all finite numbers or empty; None for any other.
 
     pyarrow reads it several times as fast as what reads others with care.
     """
     if path.stat().st_size < _QUICK or layout.separator == " " or layout.encoding != "utf-8-sig":
         return None
-    columns = _parse_quickly(file, layout, ".") or _parse_quickly(file, layout, ",")
+    columns = _parse_quickly(path, layout, ".") or _parse_quickly(path, layout, ",")
     if columns is None or not 0 < len(columns[0]) <= most:
         return None
     first = layout.skipped + 1
@@ -167,23 +167,23 @@ def _read_plain_table(path: Path, file: BinaryIO, layout: _Layout, most: float) 
     return CsvTable(path, header, layout.line, lines, columns, [None] * len(header))
 
 
-def _parse_quickly(file: BinaryIO, layout: _Layout, point: str) -> list[FloatArray] | None:
+def _parse_quickly(path: Path, layout: _Layout, point: str) -> list[FloatArray] | None:
     """Return the read-only columns of a table with this sign in its decimals.
 
     None where pyarrow is missing, or finds what is neither a finite number nor an empty cell.
     """
     try:
+        from pyarrow import OSFile, float64
         from pyarrow import csv as quick
-        from pyarrow import float64
     except ImportError:
         return None
     names = [str(k) for k in range(len(layout.header))]
     pieces: list[list[FloatArray]] = [[] for _ in names]
-    file.seek(0)
     try:
-        # block by block: all at once, it would hold the text of all of it
+        # Block by block: all at once, it would hold the text of all of it. pyarrow reads ahead on a
+        # thread of its own, also after an error, so it has the file for itself.
         blocks = quick.open_csv(
-            file,
+            OSFile(str(path)),
             quick.ReadOptions(
                 use_threads=False,
                 block_size=_BLOCK,

@@ -197,10 +197,10 @@ def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:
 
 
 SOLVER_LEAVES_M = 3e-6
-"""What conjugate gradients leave of a path [m]: populations drive bodies from the origin, and turn
-their motions to where they begin."""
+"""Conjugate gradients leave this error of a path [m]. It shows because populations drive bodies
+from the origin, and turn their motions to where they begin."""
 SOLVER_LEAVES_N_M = 0.005
-"""The same of a torque, of which up to 60 N m is at work, as a root mean square [N m]: single
+"""They leave this root mean square of a torque, of which up to 60 N m is at work [N m]. Single
 samples, where a wheel's slip changes its direction, hang on the last digit."""
 
 

@@ -21,7 +21,7 @@ from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import CommandKind, Commands, FloatArray, State
 from validation import cli, load_robot
 from validation.descriptions import sdf
-from validation.descriptions.balance import examine, mechanical_turn
+from validation.descriptions.balance import weigh_robot, mechanical_turn
 from validation.descriptions.findings import static_findings
 from validation.descriptions.foreign_robot import read_foreign
 from validation.descriptions.importing import import_robot
@@ -280,7 +280,7 @@ def test_parts_may_stand_in_other_files_and_pairs_may_name_a_floor_elsewhere(
 
 def test_the_closed_form_holds_with_the_weight_off_the_middle(tmp_path: Path) -> None:
     robot = OwnRobot(model(com="0.05 -0.04 0.05"), {})
-    examine(robot)
+    weigh_robot(robot)
     turn = mechanical_turn(robot)
     assert robot.measures["multiplier"] == pytest.approx(turn.multiplier, rel=0.02)
     assert turn.multiplier != pytest.approx(1.64, rel=0.02)
@@ -309,7 +309,7 @@ def test_it_may_drive_along_y(tmp_path: Path) -> None:
     )
     robot = OwnRobot(text, {})
     assert robot.wheeled.names == [f"{name}_j" for name in CORNERS]
-    examine(robot)
+    weigh_robot(robot)
     assert robot.measures["multiplier"] == pytest.approx(1.64, rel=0.01)
 
 

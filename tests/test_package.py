@@ -175,12 +175,12 @@ def test_every_dependency_has_wheels_for_later_pythons(version: str, tmp_path: P
 
 
 def test_the_sources_that_travel_are_whole() -> None:
-    """What tests, pages and builds need; hidden files are those of this place of work."""
+    """The sdist has all that tests, pages and builds need, and no hidden files."""
     included = SETTINGS["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
     asked = ["git", "-C", str(ROOT), "ls-files"]
     tracked = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.split()
     if not tracked:
-        pytest.skip("not a clone")
+        pytest.skip("this is no clone, so nothing says which files are tracked")
     tops = {name.partition("/")[0] for name in tracked if not name.startswith(".")}
     assert tops - {"pyproject.toml"} == set(included)
 

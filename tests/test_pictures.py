@@ -42,7 +42,7 @@ def test_what_draws_a_picture_is_there(file: str) -> None:
 
 @pytest.mark.parametrize("file", [file for file in DRAWN if not file.endswith(".svg")])
 def test_a_picture_says_which_code_drew_it(file: str) -> None:
-    """That of the rooms is drawn anew by a test of its own."""
+    """The picture of the rooms is an SVG without such data; another test draws it anew."""
     with Image.open(DOCS / "img" / file) as picture:
         exif = picture.getexif()
     assert exif.get(ExifTags.Base.ImageDescription) == DRAWN[file].command

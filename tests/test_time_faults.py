@@ -37,7 +37,7 @@ REST = 10.0
 
 @dataclass(frozen=True)
 class TimeFault:
-    """What is wrong with a robot, and its controller does not know."""
+    """A fault of a robot of which its controller does not know."""
 
     extra: Callable[[float], float] = lambda t: 0.0
     """Further dead time of commands that arrive at a time [s]."""
@@ -144,7 +144,7 @@ def mean_off_path(law: str, fault: str) -> float:
 
 
 SHORT = pytest.mark.xfail(strict=True, reason="1.4 times: it makes up for its clock in bends")
-"""Where the aim is missed by a tenth."""
+"""This row misses the aim of 1.3 times by a tenth."""
 
 
 @pytest.mark.parametrize(

@@ -43,8 +43,8 @@ held no longer."""
 _CATCH_UP = 1.02
 """Speed over that of the path of a robot that is behind its clock in a bend [1]."""
 _HASTE = 0.2
-"""The same where the path bends less than elsewhere, and of the greatest speed over the path's,
-each less 1 [1]."""
+"""By this share of the path's speed a robot that is behind its clock may drive faster on straights,
+and by this share of its greatest speed any plan may [1]."""
 _SLOWEST_RATE = 0.75
 """Least speed over that of the path [1]."""
 _CATCH_TIME = 2.0

@@ -141,7 +141,7 @@ def _weight_place(robot: OwnRobot) -> FloatArray:
     return centre[:2]
 
 
-def examine(robot: OwnRobot) -> Balance:
+def weigh_robot(robot: OwnRobot) -> Balance:
     """Return the balance of a robot after short trials: stand, straight, turn, curve, slope.
 
     What they measure is kept as its `measures`. A trial in which the simulator gives up leaves its
@@ -156,14 +156,14 @@ def examine(robot: OwnRobot) -> Balance:
             rows += trial(robot)
         except DivergedError:
             measures["diverged"] += 1.0
-            if trial is _stand:
+            if trial is _weigh_standing:
                 break
     done = len(_TRIALS) - measures["diverged"]
     rows.insert(0, BalanceRow("drives that the simulator ends", done, len(_TRIALS), "", 1.0))
     return {row.row: row for row in rows}
 
 
-def _speed(robot: OwnRobot, froude: float) -> float:
+def _speed_of_froude(robot: OwnRobot, froude: float) -> float:
     """Return a rim speed [m/s] that the inputs of the servos allow."""
     return min(froude * robot.speed_unit, 0.95 * robot.top_rate * robot.radius)
 
@@ -173,7 +173,7 @@ def _rest_row(robot: OwnRobot, name: str, speed: float, limit: float) -> Balance
     return BalanceRow(name, 1e3 * speed, 0.0, "mm/s", 1e3 * robot.speed_unit, limit)
 
 
-def _stand(robot: OwnRobot) -> list[BalanceRow]:
+def _weigh_standing(robot: OwnRobot) -> list[BalanceRow]:
     """Stand on level ground: weight against the loads, each load against its share, and rest."""
     robot.settle()
     standing = robot.ride((0.0, 0.0), _STAND_TIME)
@@ -221,9 +221,9 @@ def _stand(robot: OwnRobot) -> list[BalanceRow]:
     return [*rows, one]
 
 
-def _straight(robot: OwnRobot) -> list[BalanceRow]:
+def _weigh_straight_line(robot: OwnRobot) -> list[BalanceRow]:
     """Drive straight ahead: rolling radius, deviation, and how smooth the loads are."""
-    rate = _speed(robot, SPEEDS[1]) / robot.radius
+    rate = _speed_of_froude(robot, SPEEDS[1]) / robot.radius
     ride = robot.ride((rate, rate), _DRIVE_TIME)
     tail = ride.t > _LEAD
     start = ride.pose[tail][0]
@@ -250,7 +250,7 @@ def _mean_rate(motion: Trajectory, tail: Any) -> float:
     return float(motion.channels["wheel_rad_s"][tail].mean())
 
 
-def _turns(robot: OwnRobot) -> list[BalanceRow]:
+def _weigh_turns(robot: OwnRobot) -> list[BalanceRow]:
     """Turn on the spot slowly, and faster over all headings."""
     turn = mechanical_turn(robot)
     track = robot.wheeled.track
@@ -261,7 +261,7 @@ def _turns(robot: OwnRobot) -> list[BalanceRow]:
     rows = []
     droops = []
     for froude, sweep, name, limit in _TURNS:
-        speed = _speed(robot, froude)
+        speed = _speed_of_froude(robot, froude)
         rate = speed / robot.radius
         seconds = min(_LEAD + 1.1 * sweep * 0.5 * track * turn.multiplier / speed, _LONGEST)
         ride = robot.ride((-rate, rate), seconds)
@@ -368,7 +368,7 @@ def _weigh_turn(robot: OwnRobot, ride: Trajectory, rims: FloatArray) -> list[Bal
 
 def _drive_curve(robot: OwnRobot) -> list[BalanceRow]:
     """Drive a curve, with its own step and with half of it."""
-    rate = _speed(robot, SPEEDS[2]) / robot.radius
+    rate = _speed_of_froude(robot, SPEEDS[2]) / robot.radius
     rates = (_INSIDE * rate, rate)
     ride = robot.ride(rates, _DRIVE_TIME)
     tail = ride.t > _LEAD
@@ -386,7 +386,7 @@ def _drive_curve(robot: OwnRobot) -> list[BalanceRow]:
     return [BalanceRow("end of a curve by half the step", away, 0.0, "m", way, 0.05)]
 
 
-def _slopes(robot: OwnRobot) -> list[BalanceRow]:
+def _weigh_slopes(robot: OwnRobot) -> list[BalanceRow]:
     """Stand on a slope that friction can hold, along and across: rolling is told from sliding."""
     measures = robot.measures
     slope = min(_SLOPE, math.atan(_RESERVE * robot.frictions.min()))
@@ -410,7 +410,7 @@ def _slopes(robot: OwnRobot) -> list[BalanceRow]:
     return rows
 
 
-_TRIALS = (_stand, _straight, _turns, _drive_curve, _slopes)
+_TRIALS = (_weigh_standing, _weigh_straight_line, _weigh_turns, _drive_curve, _weigh_slopes)
 
 
 def in_words(robot: OwnRobot) -> str:

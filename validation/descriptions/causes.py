@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ssmr.errors import SsmrError
-from validation.descriptions.balance import ONE_WHEEL, ROLLING, Balance, BalanceRow, examine
+from validation.descriptions.balance import ONE_WHEEL, ROLLING, Balance, BalanceRow, weigh_robot
 from validation.descriptions.findings import Finding
 from validation.descriptions.influences import STOPPING, Weighed
 from validation.descriptions.mjcf_text import Edits, MjcfText, Part
@@ -69,7 +69,7 @@ class Competition:
         self.text = text
         self.kept = list[Remedy]()
         self.eaters = dict[str, tuple[float, str]]()
-        self.before = examine(robot)
+        self.before = weigh_robot(robot)
         self.robot = robot
         self.after: Balance = self.before
         if text is not None:
@@ -95,7 +95,7 @@ class Competition:
                 values["timestep"] = f"{step / 2**halvings:g}"
             rescue = ("step", cause, {OPTION: values})
             mended = OwnRobot(text.edited(rescue[2]), self.files)
-            after = examine(mended)
+            after = weigh_robot(mended)
             if mended.measures["diverged"] == 0.0:
                 self.robot = mended
                 self.kept = [rescue]
@@ -108,7 +108,7 @@ class Competition:
         """Return the balance with some changes; empty where the simulator fails."""
         assert self.text is not None
         try:
-            return examine(OwnRobot(self.text.edited(together(remedies)), self.files))
+            return weigh_robot(OwnRobot(self.text.edited(together(remedies)), self.files))
         except (ValueError, SsmrError):
             return {}
 

@@ -274,7 +274,7 @@ def _body_inertia(robot: Robot, foreign: Others) -> Finding | None:
     return None
 
 
-def _hull(robot: Robot, _: Others) -> Finding | None:
+def _judge_hull_density(robot: Robot, _: Others) -> Finding | None:
     if _hull_is_guessed(robot):
         return None
     length, width, height = robot.body_size
@@ -321,7 +321,7 @@ def _mass_in_wheels(robot: Robot, _: Others) -> Finding | None:
     )
 
 
-def _effort(robot: Robot, foreign: Others) -> Finding | None:
+def _judge_torque_limit(robot: Robot, foreign: Others) -> Finding | None:
     limit = robot.drive.torque_limit
     if math.isinf(limit):
         return Finding(
@@ -408,9 +408,9 @@ _LOOKS: Sequence[Callable[[Robot, Others], Finding | None]] = (
     _weight_off,
     _wheel_inertia,
     _body_inertia,
-    _hull,
+    _judge_hull_density,
     _mass_in_wheels,
-    _effort,
+    _judge_torque_limit,
     _guess,
     _controller,
 )

@@ -1,4 +1,4 @@
-"""What stops, slows or turns a robot of others: one table for all formats, with what mends it.
+"""A table of all that stops, slows or turns a robot of others, for all formats, and of its remedies.
 
 Each line weighs what an attribute does against what a turn on the spot needs: torques of an axle
 against what its motor has to spare, moments against that of the tyres' friction, lost load against

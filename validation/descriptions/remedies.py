@@ -59,10 +59,12 @@ def _even_range(
 ) -> Edits:
     """Return edits that make a range as wide either way, and at least so wide."""
     most = max(least, float(np.abs(_numbers_of(robot, part, attribute)).max()))
-    return _differing(robot, text, [part], **{attribute: _row(-most, most)})
+    return _edit_differing_parts(robot, text, [part], **{attribute: _row(-most, most)})
 
 
-def _differing(robot: OwnRobot, text: MjcfText, parts: Iterable[Part], **values: str) -> Edits:
+def _edit_differing_parts(
+    robot: OwnRobot, text: MjcfText, parts: Iterable[Part], **values: str
+) -> Edits:
     """Return edits that give parts of the file these values, where they have others."""
     edits = dict[Part, Mapping[str, str]]()
     for part in parts:
@@ -79,7 +81,7 @@ def _differing(robot: OwnRobot, text: MjcfText, parts: Iterable[Part], **values:
 
 def _reset_parts(parts: Callable[[OwnRobot], Iterable[Part]], **values: str) -> Mend:
     """Return a change that gives parts these values."""
-    return lambda robot, text: _differing(robot, text, parts(robot), **values)
+    return lambda robot, text: _edit_differing_parts(robot, text, parts(robot), **values)
 
 
 def _set_options(**values: str) -> Mend:
@@ -140,8 +142,8 @@ def _mend_gravity(robot: OwnRobot, text: MjcfText) -> Edits:
     """Return edits with which all of gravity pulls down, and at every body."""
     model = robot.wheeled.model
     bodies = [("body", model.body(k).name) for k in robot.wheeled.group(robot.wheeled.root)]
-    down = _differing(robot, text, [OPTION], gravity=_row(0.0, 0.0, -robot.gravity))
-    return {**_differing(robot, text, bodies, gravcomp="0"), **down}
+    down = _edit_differing_parts(robot, text, [OPTION], gravity=_row(0.0, 0.0, -robot.gravity))
+    return {**_edit_differing_parts(robot, text, bodies, gravcomp="0"), **down}
 
 
 def _untie_wheels(robot: OwnRobot, text: MjcfText) -> Edits:
@@ -157,7 +159,7 @@ def _lighten_rotors(robot: OwnRobot, text: MjcfText) -> Edits:
     usual = float(f"{_usual_rotor(robot):.3g}")
     model = robot.wheeled.model
     heavy = [part for part in _wheel_joints(robot) if model.joint(part[1]).armature > usual]
-    return _differing(robot, text, heavy, armature=f"{usual:g}")
+    return _edit_differing_parts(robot, text, heavy, armature=f"{usual:g}")
 
 
 def _usual_rotor(robot: OwnRobot) -> float:
@@ -182,7 +184,7 @@ def _mend_friction(robot: OwnRobot, text: MjcfText) -> Edits:
     for part in _tyre_parts(robot):
         ways = 2 if part[0] == "pair" else 1
         rest = _numbers_of(robot, part, "friction")[ways:]
-        edits |= _differing(robot, text, [part], friction=_row(*[usual] * ways, *rest))
+        edits |= _edit_differing_parts(robot, text, [part], friction=_row(*[usual] * ways, *rest))
     return edits
 
 
@@ -190,7 +192,7 @@ def _let_tyres_decide(robot: OwnRobot, text: MjcfText) -> Edits:
     """Return edits with which the tyre's own friction counts, and not the ground's."""
     tyres = [part for part in _tyre_parts(robot) if part[0] == "geom"]
     first = int(robot.wheeled.model.geom(robot.ground).priority[0])
-    return _differing(robot, text, tyres, priority=f"{first + 1}")
+    return _edit_differing_parts(robot, text, tyres, priority=f"{first + 1}")
 
 
 def _soften_contact(robot: OwnRobot, text: MjcfText) -> Edits:
@@ -210,7 +212,7 @@ def _soften_contact(robot: OwnRobot, text: MjcfText) -> Edits:
             values["priority"] = f"{first + 1}"
             # the tyre's alone counts from now on: it keeps what the larger one was
             values["friction"] = _row(*np.maximum(model.geom(name).friction, ground.friction))
-        edits |= _differing(robot, text, [(kind, name)], **values)
+        edits |= _edit_differing_parts(robot, text, [(kind, name)], **values)
     return edits
 
 
@@ -288,7 +290,7 @@ def _mend_heights(robot: OwnRobot, text: MjcfText) -> Edits:
         parent = int(wheeled.model.body_parentid[body])
         lift = _in_body(robot, parent, np.array([0.0, 0.0, away]))
         place = np.round(wheeled.model.body_pos[body] + lift, 6) + 0.0
-        edits |= _differing(robot, text, [part], pos=_row(*place))
+        edits |= _edit_differing_parts(robot, text, [part], pos=_row(*place))
     return edits
 
 
@@ -319,7 +321,7 @@ def _stiffen_servos(robot: OwnRobot, text: MjcfText) -> Edits:
         least = _usual_rotor(robot)
         model = robot.wheeled.model
         light = [part for part in _wheel_joints(robot) if model.joint(part[1]).armature < least]
-        edits |= _differing(robot, text, light, armature=f"{least:.3g}")
+        edits |= _edit_differing_parts(robot, text, light, armature=f"{least:.3g}")
     return edits
 
 

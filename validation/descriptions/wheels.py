@@ -67,7 +67,7 @@ class Drum(NamedTuple):
 
     @property
     def flaw(self) -> str:
-        """What lets it roll unevenly; empty for a round tyre about its axle."""
+        """The reason why it rolls unevenly; it is empty for a round tyre about its axle."""
         if self.is_off_axle:
             return f"{1e3 * self.off_axle:.1f} mm off the axle"
         return _FLAWS.get(self.kind, "")

@@ -178,7 +178,7 @@ def _rename_columns(
     """
     _check_twice(table)
     tidy = [without_unit(name) for name in table.header]
-    wanted, remarks = _wanted(table, options)
+    wanted, remarks = _choose_columns(table, options)
     places = {name: k for k, (name, _) in enumerate(tidy)}
     places |= {name: k for k, name in enumerate(table.header)}
     taken = {}
@@ -221,7 +221,7 @@ def _rename_columns(
     return ours, remarks
 
 
-def _wanted(table: CsvTable, options: ReadOptions) -> tuple[Columns, list[str]]:
+def _choose_columns(table: CsvTable, options: ReadOptions) -> tuple[Columns, list[str]]:
     """Return the columns that are taken for ours, by the options or by their names; and why."""
     header = table.header
     named = {

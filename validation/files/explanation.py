@@ -70,7 +70,7 @@ def _without_spikes(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None
     return (way, words) if 3 <= n < 0.2 * len(values) else None
 
 
-def _unwrapped(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+def _unwrap_rates(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
     """Rates that go on at the other end of their range."""
     period = float(np.ptp(values))
     n = np.count_nonzero(np.abs(np.diff(values)) > 0.8 * period)
@@ -79,7 +79,7 @@ def _unwrapped(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
     return (way, words) if n >= 3 else None
 
 
-def _positions(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
+def _positions_as_rates(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
     """Positions, which add up."""
     span = float(np.ptp(values))
     if span <= 0.0 or np.percentile(np.abs(np.diff(values)), 90.0) > 0.05 * span:
@@ -105,8 +105,8 @@ _Reading = Callable[[FloatArray, FloatArray], tuple[Way, str] | None]
 _READINGS: Sequence[tuple[str, _Reading]] = (
     ("spikes", _without_zeros),
     ("spikes", _without_spikes),
-    ("counter", _unwrapped),
-    ("positions", _positions),
+    ("counter", _unwrap_rates),
+    ("positions", _positions_as_rates),
     ("swapped", _summed_speeds),
 )
 """Kinds, and how samples of columns are read instead."""
@@ -369,7 +369,7 @@ def judged(signals: Signals) -> Iterator[LogFault]:
     for _ in range(_MOST_FAULTS):
         found = [v for v in explanations(e) if not blamed & {*v.idea.columns}]
         if not found:
-            yield from _unexplained(e, blamed)
+            yield from _say_unexplained_rest(e, blamed)
             return
         best = found[0]
         rivals = {best.idea.columns: best}
@@ -384,7 +384,7 @@ def judged(signals: Signals) -> Iterator[LogFault]:
         e = _correct_signals(e, best)
 
 
-def _unexplained(e: Agreement, blamed: set[str]) -> Iterator[LogFault]:
+def _say_unexplained_rest(e: Agreement, blamed: set[str]) -> Iterator[LogFault]:
     """Yield what is left over between two sensors, if it is more than if one told nothing."""
     rest = [
         (float(np.nanmean(pair.cost)), pair)

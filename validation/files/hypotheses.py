@@ -1,4 +1,4 @@
-"""What may be wrong in a log: mistakes times the signals that they may be in.
+"""Mistakes that a log may have, and the signals that each may be in.
 
 Each row of a table is one mistake, written once for every signal. It undoes the mistake from what
 the other sensors tell of that signal, and the judge of `explanation` sees how well all agree after.
@@ -211,7 +211,7 @@ _PRECISIONS: Mapping[Blamed, float] = {
 """How well the factor of columns that are in another unit is known [1]."""
 
 
-def _told(names: Blamed, e: Agreement) -> Iterator[tuple[str, float, str]]:
+def _pair_factors(names: Blamed, e: Agreement) -> Iterator[tuple[str, float, str]]:
     """Yield by each pair what columns tell, their factor, and by which sensor that is told."""
     sensor = column_of(names[0]).group
     for pair in e.pairs:
@@ -225,7 +225,7 @@ def _told(names: Blamed, e: Agreement) -> Iterator[tuple[str, float, str]]:
 
 def _other_units(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Blamed that are a factor too large or too small."""
-    told = [(what, f, by) for what, f, by in _told(names, e) if 1e-7 < f < 1e9]
+    told = [(what, f, by) for what, f, by in _pair_factors(names, e) if 1e-7 < f < 1e9]
     odd = [f for what, f, _ in told if not is_ordinary(what, column_of(names[0]).group, f)]
     for factor in {f"{f:.2g}": f for f in odd}.values():
         changed = {name: e.means[name] / factor for name in names}
@@ -353,7 +353,7 @@ def _trends_of_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
 def _time_unit(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Time in another unit: turns and ways of the pose are too fast by the same factor."""
     told = dict[str, float]()
-    for what, factor, by in chain(_told(("yaw",), e), _told(PLACE, e)):
+    for what, factor, by in chain(_pair_factors(("yaw",), e), _pair_factors(PLACE, e)):
         if by in ("imu", "wheels", "odom"):
             told.setdefault(what, factor)
     factor = told.get("turn", 1.0)
@@ -481,7 +481,7 @@ def _smoothed_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
         alike = 0.0
         for name, basis in bases.items():
             values = e.means[name][:, None]
-            alike += float(explain_share(values, _blur(basis, kernel), [0])[0, 0])
+            alike += float(explain_share(values, _blur_columns(basis, kernel), [0])[0, 0])
         if alike > best.get(how, (0.0,))[0]:
             best[how] = alike, width, kernel
     for how, (_, width, kernel) in best.items():
@@ -490,7 +490,7 @@ def _smoothed_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             told = after.basis_of(name)
             if told is None:
                 continue
-            blurred = _blur(told, kernel)
+            blurred = _blur_columns(told, kernel)
             # what the column cannot tell is as others tell it
             lost = (told - blurred) @ fit_factors(blurred, e.means[name])
             after = after.but({name: e.means[name] + lost})
@@ -517,7 +517,7 @@ def _list_kernels(period: float) -> Iterator[tuple[str, float, FloatArray]]:
                 yield how, seconds, np.roll(np.pad(kernel, abs(shift)), shift)
 
 
-def _blur(columns: FloatArray, kernel: FloatArray) -> FloatArray:
+def _blur_columns(columns: FloatArray, kernel: FloatArray) -> FloatArray:
     """Return (N, k) rates smoothed with a kernel of odd length."""
     half = len(kernel) // 2
     padded = np.pad(columns, ((half, half), (0, 0)), mode="edge")

@@ -195,7 +195,7 @@ def taken_by_name(header: Sequence[str]) -> Columns:
     if "yaw" in (*header, *found):
         joined.pop("yaw", None)
     found |= joined
-    return _wheels(foreign, {*header, *found}) | found
+    return _name_wheels(foreign, {*header, *found}) | found
 
 
 def _joined_columns(parts: Mapping[str, Mapping[str, str]], x: str) -> Columns:
@@ -220,7 +220,7 @@ def _joined_columns(parts: Mapping[str, Mapping[str, str]], x: str) -> Columns:
     return found
 
 
-def _wheels(header: Sequence[str], there: set[str]) -> Columns:
+def _name_wheels(header: Sequence[str], there: set[str]) -> Columns:
     """Return rates and torques of wheels by the sides that their names say; of both, or none.
 
     Where no rates are, positions are taken if their unit shows.

@@ -93,7 +93,7 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
     with opened(path, limits.bytes_of("table_size"), "table_size") as file:
         layout = _find_layout(path, file)
         plain = _read_plain_table(path, layout, limits.samples)
-        rows = _rows(path, file, layout)
+        rows = _read_lines(path, file, layout)
         return plain or read_rows(path, layout.line, layout.header, rows, limits)
 
 
@@ -384,7 +384,7 @@ def _date(cell: str) -> float:
         return math.nan
 
 
-def _rows(path: Path, file: BinaryIO, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
+def _read_lines(path: Path, file: BinaryIO, layout: _Layout) -> Iterator[tuple[int, list[str]]]:
     """Yield the line and the cells of each row below the header; bad UTF-8 will be no number."""
     line = layout.skipped
     file.seek(0)

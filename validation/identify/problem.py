@@ -82,7 +82,7 @@ class FitProblem:
     """Problem of a fit: candidates of one plant are rated by their distance from true motions."""
 
     _settings = SHIPPED
-    """How the physics of simulated bodies is computed."""
+    """The physics with which simulated bodies are computed."""
 
     def __init__(
         self,

@@ -21,7 +21,7 @@ from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import CommandKind, Commands, FloatArray, State
 from validation import cli, load_robot
 from validation.descriptions import sdf
-from validation.descriptions.balance import weigh_robot, mechanical_turn
+from validation.descriptions.balance import mechanical_turn, weigh_robot
 from validation.descriptions.findings import static_findings
 from validation.descriptions.foreign_robot import read_foreign
 from validation.descriptions.importing import import_robot

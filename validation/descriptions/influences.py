@@ -1,4 +1,4 @@
-"""A table of all that stops, slows or turns a robot of others, for all formats, and of its remedies.
+"""A table of all that stops, slows or turns a robot of others, in any format, and of the remedies.
 
 Each line weighs what an attribute does against what a turn on the spot needs: torques of an axle
 against what its motor has to spare, moments against that of the tyres' friction, lost load against

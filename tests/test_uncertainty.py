@@ -49,8 +49,11 @@ class Wave:
         self.days: list[Day] = []
         self.seen = self.shape @ [0.4, 0.6] + noise
 
-    def with_other_tyres(self) -> None:
-        """It has no tyres."""
+    other_tyres: Wave | None = None
+
+    def with_other_tyres(self) -> Wave | None:
+        """Return what it would be on other tyres; most have none."""
+        return self.other_tyres
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
         """Return (S, K) errors of (S, 2) points."""
@@ -110,3 +113,20 @@ def test_each_part_is_left_out_by_a_step_to_the_optimum_of_the_others() -> None:
         assert point == pytest.approx(
             np.linalg.lstsq(problem.shape[rest], problem.seen[rest])[0], abs=1e-4
         )
+
+
+def test_what_is_foreseen_at_a_start_is_what_is_found_at_the_end() -> None:
+    """Where errors are linear, a guess that counts as an error weighs the same at both.
+
+    The way to the end is none of what tyres of another shape would change.
+    """
+    noise = 0.02 * np.random.default_rng(3).normal(size=len(T))
+    problem = Wave(noise, robust=True)
+    problem.other_tyres = Wave(noise + 0.03, robust=True)
+    asked = cast("FitProblem", problem)
+    end, _ = descend_from(asked, np.array([0.9, 0.1]), driven := Remembered(), 1, lambda: None)
+    found = estimate_uncertainty(asked, end, 1, driven).share
+    start = np.array([0.9, 0.1])
+    foreseen = estimate_uncertainty(asked, start, foreseen=True).share
+    assert found[0] == pytest.approx(0.03, rel=0.05)
+    assert foreseen == pytest.approx(found, rel=0.05)

@@ -175,10 +175,13 @@ def friction_left_untold(problem: FitProblem, start: FloatArray, o: Searching) -
 
     The standard error to expect is then about as large as what is known without the logs.
     """
-    names = problem.space.names
-    untold = np.array([name.partition("@")[0] == "friction" for name in names])
-    untold &= [not {name, "friction"} & {*o.bounds} for name in names]
+    asked = np.array(
+        [
+            name.partition("@")[0] == "friction" and not {name, "friction"} & {*o.bounds}
+            for name in problem.space.names
+        ]
+    )
     with contextlib.suppress(SsmrError, np.linalg.LinAlgError):
         sure = estimate_uncertainty(problem.coarser() or problem, start[0], o.raters, foreseen=True)
-        return untold & sure.untold
-    return untold & False
+        return asked & sure.untold
+    return asked & False

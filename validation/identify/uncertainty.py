@@ -122,11 +122,11 @@ def estimate_uncertainty(
         at = point
     one_sided = error_slopes(errors_at, at)[1]
     all_slopes = error_slopes(errors_at, at, central=True)[1]
-    with_prior = errors_at(point[None])[0]
+    here = with_prior = errors_at(point[None])[0]
     k = len(problem.blocks)
     if foreseen:
-        ahead, _ = _of_a_day(with_prior[:k], all_slopes[:k], problem.blocks)
-        with_prior += all_slopes @ ahead
+        ahead, _ = _of_a_day(here[:k], all_slopes[:k], problem.blocks)
+        with_prior = here + all_slopes @ ahead
     # all in the unit of the pulls, the median size of errors
     unit = np.ones(len(with_prior))
     unit[:k] = median_size(with_prior, problem)
@@ -154,7 +154,7 @@ def estimate_uncertainty(
     method = f"derivatives of least squares and the scatter of {blocks} blocks of time"
     other = problem.with_other_tyres()
     if other is not None:
-        change = other.residuals(point[None], workers)[0] / unit - with_prior
+        change = (other.residuals(point[None], workers)[0] - here) / unit
         offs.append(_step_against(change, with_prior, all_slopes, problem))
         method += ", and what tyres of another shape would change"
     for off in offs:

@@ -1,7 +1,8 @@
-"""Robots for others: URDF and MJCF in MuJoCo, SDF in Drake, numbers of ros2_control."""
+"""Robots for others: URDF and MJCF in MuJoCo, SDF in Drake, numbers of ros2_control and nav2."""
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -291,6 +292,109 @@ def test_ros2_control_has_a_profiles_radii_and_separation() -> None:
     off_middle = 0.5 * (section.parameters.y_l + section.parameters.y_r) * w
     assert end[2] == pytest.approx(w, rel=1e-6)
     assert end[0] == pytest.approx(v + off_middle, rel=1e-6)
+
+
+NAV2 = {
+    "controller_server": {
+        f"FollowPath.{name}": float
+        for name in (
+            *("vx_max", "vx_min", "wz_max", "ax_max", "ax_min", "az_max"),
+            *("model_delay_vx", "model_delay_wz"),
+        )
+    },
+    "velocity_smoother": dict.fromkeys(
+        ("max_velocity", "min_velocity", "max_accel", "max_decel"), list
+    ),
+    "local_costmap": {"footprint": str},
+    "global_costmap": {"footprint": str},
+}
+"""Names and types of parameters of nav2, as its sources declare them: `nav2_mppi_controller`
+(optimizer.cpp, getParam of floats), `nav2_velocity_smoother` (velocity_smoother.cpp, vectors of
+doubles), `nav2_costmap_2d` (costmap_2d_ros.cpp, a string); navigation2 a3a9704, 2026-08-21."""
+
+
+def of_nav2(text: str) -> dict[str, Any]:
+    """Return nav2's parameters by node and name, checked against its own declarations."""
+    assert "&" not in text
+    assert "*," not in text
+    found: dict[str, Any] = {}
+    for node, document in YAML(typ="safe").load(text).items():
+        inner = document.get(node, document)["ros__parameters"]
+        for name, value in inner.pop("FollowPath", {}).items():
+            inner[f"FollowPath.{name}"] = value
+        for name, value in inner.items():
+            assert type(value) is NAV2[node][name], (node, name, value)
+            if isinstance(value, list):
+                assert [type(part) for part in value] == [float] * 3
+        found |= inner
+    return found
+
+
+NAV2_ROBOTS = [*((robot, None) for robot in shipped_robots())] + [
+    (load_profile(name).robot.name, name) for name in shipped_profiles()
+]
+
+
+@pytest.mark.parametrize(("name", "profile"), NAV2_ROBOTS)
+def test_nav2_has_the_limits_the_dead_times_and_the_hull_of_a_profile(
+    name: str, profile: str | None
+) -> None:
+    """What nav2 reads are the numbers of the kinematic plant, whose motion is that of its MPPI."""
+    robot = load_robot(name)
+    n = of_nav2(export_robot(robot, "nav2", profile))
+    known = bare_profile(robot) if profile is None else load_profile(profile)
+    drive = known.section("kinematic").drive
+    late = drive.wheel_lag + 0.5 * drive.command_ramp
+    mppi = {
+        "vx_max": drive.v_max,
+        "vx_min": -drive.v_max,
+        "wz_max": drive.w_max,
+        "ax_max": drive.acceleration_v,
+        "ax_min": -drive.acceleration_v,
+        "az_max": drive.acceleration_w,
+        "model_delay_vx": drive.delay_v + late,
+        "model_delay_wz": drive.delay_w + late,
+    }
+    finite = {f"FollowPath.{key}": value for key, value in mppi.items() if np.isfinite(value)}
+    assert {key: n[key] for key in n if "." in key} == pytest.approx(finite, rel=1e-6)
+    for upper, lower, v, w in (
+        ("max_velocity", "min_velocity", drive.v_max, drive.w_max),
+        ("max_accel", "max_decel", drive.acceleration_v, drive.acceleration_w),
+    ):
+        assert (upper in n) == (lower in n) == bool(np.isfinite(v + w))
+        if upper in n:
+            assert n[upper] == pytest.approx([v, 0.0, w], rel=1e-6)
+            np.testing.assert_array_equal(n[lower], -np.array(n[upper]))
+    # the polygon holds every wheel, and the base, and goes round once
+    corners = np.array(json.loads(n["footprint"]))
+    assert np.all(np.abs(places(robot)[:, :2]).max(axis=0) < corners.max(axis=0))
+    assert np.all(corners.min(axis=0) < 0.0)
+    sizes = np.abs(corners - np.roll(corners, 1, axis=0))
+    np.testing.assert_allclose(sizes.sum(axis=0), 2.0 * np.ptp(corners, axis=0))
+    assert np.all(np.count_nonzero(sizes, axis=1) == 1)
+
+
+def test_beside_each_number_of_nav2_stands_how_sure_it_is(tmp_path: Path) -> None:
+    """Errors are the profile's, of what was fitted; the others have the grade of their source."""
+    profile = load_profile("husky-tile")
+    known = {"delay": 0.0123, "acceleration_v": 0.234, "acceleration_w": 0.0345}
+    origin = {**profile.provenance["kinematic"], "standard_errors": known}
+    mine = replace(profile, provenance={**profile.provenance, "kinematic": origin})
+    rows = {}
+    for text in (export_robot("husky", "nav2", mine.save(tmp_path / "mine.toml"))).splitlines():
+        name, _, rest = text.strip().partition(": ")
+        rows[name] = rest.partition("  # ")[2]
+    assert rows["ax_max"] == rows["ax_min"] == "acceleration_v: standard error 0.23"
+    assert "acceleration_w: standard error 0.035" in rows["max_accel"]
+    assert "delay_v: standard error 0.012" in rows["model_delay_vx"]
+    assert "wheel_lag: of the profile" in rows["model_delay_wz"]
+    assert rows["wz_max"] == "w_max: published"
+    (tmp_path / "broken.toml").write_text(
+        (tmp_path / "mine.toml").read_text().replace("[provenance.kinematic", "[provenance.other")
+    )
+    assert "standard error" not in export_robot("husky", "nav2", tmp_path / "broken.toml")
+    with pytest.raises(ValueError, match="timestep: nav2 has no place for it"):
+        export_robot("husky", "nav2", timestep=0.002)
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -37,6 +37,7 @@ from validation.plants.profile import (
     Profile,
     bare_profile,
     choose_profile,
+    fitted_errors,
     load_profile,
     odometry_variances,
     shipped_profiles,
@@ -59,13 +60,19 @@ from validation.simulator.description import (
     Robot,
     shipped_robots,
 )
-from validation.simulator.exporting import diff_drive_yaml, mjcf_text, sdf_text, urdf_text
+from validation.simulator.exporting import (
+    diff_drive_yaml,
+    mjcf_text,
+    nav2_yaml,
+    sdf_text,
+    urdf_text,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ExportFormat = Literal["urdf", "sdf", "mjcf", "diff-drive"]
+ExportFormat = Literal["urdf", "sdf", "mjcf", "diff-drive", "nav2"]
 """Formats of `export`."""
 _MOST_FINDINGS = 5
 """Number of findings that are printed; all are in robot.json."""
@@ -503,13 +510,13 @@ def export_robot(
     """Return a robot as text in the format of another program.
 
     That is a URDF, an SDF model for Gazebo, an MJCF with motors and sensors, or the numbers of
-    ros2_control's diff_drive_controller.
+    ros2_control's diff_drive_controller or of nav2.
 
     Args:
         robot: name of a shipped robot, path of a robot's file, or the robot itself.
         to: the format.
-        profile: profile of the robot, for an MJCF and for ros2_control; the numbers of its file if
-            not given.
+        profile: profile of the robot, for an MJCF, ros2_control and nav2; the numbers of its file
+            if not given.
         errors: standard errors of the numbers for ros2_control, by the names of that file.
         timestep: physics step of an MJCF [s]; the profile's if not given.
 
@@ -523,13 +530,16 @@ def export_robot(
         raise ValueError(f"timestep: {to} has no place for it, only mjcf has")
     if profile is not None and to in ("urdf", "sdf"):
         raise ValueError(
-            f"profile: a {to.upper()} has no place for its numbers; mjcf and diff-drive have"
+            f"profile: a {to.upper()} has no place for its numbers; mjcf, diff-drive and nav2 have"
         )
     numbers = bare_profile(chosen) if profile is None else choose_profile(profile, chosen, "")
     if to == "mjcf":
         section = numbers.section("mujoco")
         step = section.parameters.timestep if timestep is None else timestep
         return mjcf_text(replace(section.parameters, timestep=step), section.drive)
+    if to == "nav2":
+        kinematic = numbers.section("kinematic")
+        return nav2_yaml(chosen, kinematic.drive, *fitted_errors(numbers, "kinematic"))
     if to == "diff-drive" and profile is not None:
         kinematic = numbers.section("kinematic")
         p = kinematic.parameters
@@ -566,23 +576,23 @@ def _export(
     timestep: float | None = None,
     out: Path | None = None,
 ) -> None:
-    """Write a robot as a URDF, an SDF or an MJCF model, or its numbers for ros2_control.
+    """Write a robot as a URDF, an SDF or an MJCF model, or its numbers for ros2_control or nav2.
 
     An SDF has friction and torque, too. An MJCF drives in plain MuJoCo like the robot here, on
-    level ground. How a robot's driver delays and limits commands no format can say.
+    level ground. How a robot's driver delays commands only nav2 can be told.
 
     Args:
         robot: Name of a robot that comes with the package, or path of a robot's file.
         to: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo, diff-drive for ros2_control's
-            diff_drive_controller.
-        profile: Profile of this robot, whose numbers mjcf and diff-drive then have: name of a
+            diff_drive_controller, nav2 for its MPPI and its velocity smoother.
+        profile: Profile of this robot, whose numbers mjcf, diff-drive and nav2 then have: name of a
             shipped one, or path (.toml).
         timestep: Physics step for which an mjcf is written [s], the profile's if not given; the
             file says up to which it will do.
-        out: File to write; there must be none of that name. NAME.urdf, .sdf, .mjcf or .yaml if not
-            given.
+        out: File to write; there must be none of that name. NAME.urdf, .sdf, .mjcf, .yaml or
+            .nav2.yaml if not given.
     """
-    ending = "yaml" if to == "diff-drive" else to
+    ending = {"diff-drive": "yaml", "nav2": "nav2.yaml"}.get(to, to)
     target = out or Path(f"{file_name(load_robot(robot).name)}.{ending}")
     _save_text(export_robot(robot, to, profile, timestep=timestep), target)
     _print_tables([], [f"written: {make_visible(target)}"])

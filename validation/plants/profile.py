@@ -385,6 +385,21 @@ def odometry_variances(profile: Profile) -> dict[str, list[float]]:
     return variances
 
 
+def fitted_errors(profile: Profile, plant: str) -> tuple[dict[str, float], str]:
+    """Return the standard errors of a plant's fitted numbers by their names, and their source.
+
+    A fit moves the dead times of both commands as one.
+    """
+    origin = profile.provenance.get(plant)
+    known = origin.get("standard_errors") if isinstance(origin, Mapping) else None
+    errors = {}
+    if isinstance(known, Mapping):
+        both = {"delay_v": known.get("delay"), "delay_w": known.get("delay")}
+        errors = {k: e for k, e in {**both, **known}.items() if isinstance(e, int | float)}
+    source = f"the profile {profile.name}, {plant}: {profile.description}"
+    return errors, one_line(source)
+
+
 def make_plant(
     profile: Profile,
     name: str,

@@ -1,4 +1,4 @@
-"""A robot's description -> files of other programs: URDF, SDF, calibrated MJCF and ros2_control.
+"""A robot's description -> files of other programs: URDF, SDF, MJCF, ros2_control and nav2.
 
 URDF and SDF have plain shapes, four wheels and the IMU's frame. Products of inertia are 0, as in a
 robot's file.
@@ -10,11 +10,13 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from types import MappingProxyType
 from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
 
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
+from validation.simulator.checking import robot_outline
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.model import adjust_model, on_ground, pair_with_ground
 from validation.simulator.motors import set_motors
@@ -51,6 +53,38 @@ diff_drive_controller:
   ros__parameters:
 """
 """Beginning of the parameters of ros2_control's controller."""
+_NAV2 = """\
+# Limits and dead times of commands for nav2, by SOURCE.
+# Load it behind your own parameters: the last value of a name counts. What is not known is left to
+# nav2. The robot turns as it is commanded where its driver has the numbers of `robots export --to
+# diff-drive`. MPPI knows ax_max, ax_min and az_max from Jazzy on, model_delay_* from Lyrical on.
+controller_server:
+  ros__parameters:
+    FollowPath:
+      vx_max: {v_max}  #
+      vx_min: -{v_max}  #
+      wz_max: {w_max}  #
+      ax_max: {acceleration_v}  #
+      ax_min: -{acceleration_v}  #
+      az_max: {acceleration_w}  #
+      model_delay_vx: {delay_v}  # with wheel_lag and half of command_ramp;
+      model_delay_wz: {delay_w}  # with wheel_lag and half of command_ramp;
+velocity_smoother:
+  ros__parameters:
+    max_velocity: [{v_max}, 0.0, {w_max}]  #
+    min_velocity: [-{v_max}, 0.0, -{w_max}]  #
+    max_accel: [{acceleration_v}, 0.0, {acceleration_w}]  #
+    max_decel: [-{acceleration_v}, 0.0, -{acceleration_w}]  #
+local_costmap:
+  local_costmap:
+    ros__parameters:
+      footprint: "FOOTPRINT"
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      footprint: "FOOTPRINT"
+"""
+"""Parameters of nav2, with the driver's numbers by their names."""
 
 
 def urdf_text(robot: Robot) -> str:
@@ -252,10 +286,47 @@ def diff_drive_yaml(
     text = _DIFF_DRIVE
     for name, value in values.items():
         # 1.0, for ROS takes 1 for no float
-        words = repr(float(f"{value:.7g}")) if isinstance(value, float) else value
+        words = _plain_number(value) if isinstance(value, float) else value
         text += f"    {name}: {words}"
         text += f"  # standard error {errors[name]:.2g}\n" if name in errors else "\n"
     return text
+
+
+def nav2_yaml(robot: Robot, drive: Drive, errors: Mapping[str, float], source: str) -> str:
+    """Return parameters of nav2: limits of MPPI and of the velocity smoother, and the footprint.
+
+    MPPI's robot does as it is commanded after a dead time and within its accelerations, so half of
+    the driver's ramp and the lag of its wheels count as dead time.
+
+    Args:
+        robot: the robot.
+        drive: its driver.
+        errors: standard errors of the driver's numbers that were fitted, by their names.
+        source: what the numbers are of.
+    """
+    origins = {}
+    for name, value in asdict(drive).items():
+        origins[name] = "of the profile"
+        if value == getattr(robot.drive, name):
+            origins[name] = robot.source(f"drive.{name}")[0]
+        if name in errors:
+            origins[name] = f"standard error {errors[name]:.2g}"
+    late = 0.5 * drive.command_ramp + drive.wheel_lag
+    numbers = {name: _plain_number(value) for name, value in asdict(drive.later(late)).items()}
+    (x, y, _), (ahead, left, _) = robot_outline(robot).round(4).tolist()
+    corners = [[ahead, left], [ahead, y], [x, y], [x, left]]
+    text = ""
+    for row in _NAV2.splitlines():
+        names = [name for name in numbers if name in row]
+        if math.isfinite(sum(numbers[name] for name in names)):
+            beside = "; ".join(f"{name}: {origins[name]}" for name in names)
+            text += f"{row.format(**numbers)} {beside}".rstrip() + "\n"
+    return text.replace("SOURCE", source).replace("FOOTPRINT", str(corners))
+
+
+def _plain_number(value: float) -> float:
+    """Return a number with the digits that a file of parameters has."""
+    return float(f"{value:.7g}")
 
 
 def _numbers_text(numbers: Iterable[float]) -> str:

@@ -159,9 +159,8 @@ class Mppi:
         self.plan = np.clip(smooth[-self.steps :], -self.limits, self.limits)
         return float(self.plan[0, 0]), float(self.plan[0, 1])
 
-    def cost(self, robot: Observation, tried: FloatArray, aims: FloatArray) -> FloatArray:
-        """Return the (K,) costs of (K, T, 2) commands against (T, 5) targets."""
-        gains = MpcGains()
+    def speeds(self, robot: Observation, tried: FloatArray) -> FloatArray:
+        """Return the (K, T, 2) speeds and yaw rates at the ends of the steps of commands."""
         wanted = self.gains * tried
         speeds = np.empty_like(wanted)
         speed = np.array([robot.v, robot.w])
@@ -169,7 +168,12 @@ class Mppi:
             change = self.share * (wanted[:, k] - speed)
             speed = speed + np.clip(change, -self.change, self.change)
             speeds[:, k] = speed
-        ways = self.mission.period * speeds
+        return speeds
+
+    def cost(self, robot: Observation, tried: FloatArray, aims: FloatArray) -> FloatArray:
+        """Return the (K,) costs of (K, T, 2) commands against (T, 5) targets."""
+        gains = MpcGains()
+        ways = self.mission.period * self.speeds(robot, tried)
         yaw = robot.yaw + np.cumsum(ways[:, :, 1], axis=1)
         middle = yaw - 0.5 * ways[:, :, 1]
         x = robot.x + np.cumsum(ways[:, :, 0] * np.cos(middle), axis=1) - aims[:, 0]
@@ -182,6 +186,38 @@ class Mppi:
         total = along + across + gains.q_heading * turned**2
         # a step of mpc's plan is two periods long
         return np.asarray(0.5 * total.sum(axis=1))
+
+
+class DelayedMppi(Mppi):
+    """MPPI that knows its dead time as nav2 does from 1.5 (Lyrical) on, by `model_delay_*`.
+
+    The speeds of a plan come so many steps later, and until then those of the commands that are on
+    their way. The robot has no lag but within its dead time, as `robots export --to nav2` says it.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        """Take the dead times of the driver."""
+        super().__init__(mission)
+        self.share[:] = 1.0
+        drive = mission.drive
+        late = np.array([drive.delay_v, drive.delay_w]) + 0.5 * drive.command_ramp + drive.wheel_lag
+        self.steps_late = np.floor(late / mission.period + 0.5).astype(int)
+        self.past = np.zeros((1, 2))
+
+    def command(self, now: ControllerInput) -> tuple[float, float]:
+        """Remember what is on its way."""
+        self.past = now.past
+        return super().command(now)
+
+    def speeds(self, robot: Observation, tried: FloatArray) -> FloatArray:
+        """Return the speeds so much later."""
+        at_once = super().speeds(robot, tried)
+        speeds = at_once.copy()
+        for axis, late in enumerate(self.steps_late):
+            under_way = self.gains[axis] * self.past[len(self.past) - late + 1 :, axis]
+            speeds[:, : late - 1, axis] = under_way
+            speeds[:, late - 1 :, axis] = at_once[:, : self.steps - late + 1, axis]
+        return speeds
 
 
 class PredictedMppi(Mppi):
@@ -285,6 +321,7 @@ PEERS: dict[str, str | type] = {
     "lqr-scheduled+predictor": "lqr-scheduled+predictor",
     "pid": "pid",
     "MPPI": Mppi,
+    "MPPI, model_delay": DelayedMppi,
     "MPPI, predictor": PredictedMppi,
     "regulated pure pursuit": RegulatedPurePursuit,
     "regulated pure pursuit, predictor": PredictedPursuit,

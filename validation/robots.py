@@ -44,6 +44,7 @@ from validation.plants.profile import (
 )
 from validation.report.report import Report
 from validation.report.table import Table, print_tables
+from validation.simulator import exporting
 from validation.simulator.checking import (
     SkidTurn,
     guessed_numbers,
@@ -59,13 +60,6 @@ from validation.simulator.description import (
     SECTIONS,
     Robot,
     shipped_robots,
-)
-from validation.simulator.exporting import (
-    diff_drive_yaml,
-    mjcf_text,
-    nav2_yaml,
-    sdf_text,
-    urdf_text,
 )
 
 if TYPE_CHECKING:
@@ -515,15 +509,13 @@ def export_robot(
     Args:
         robot: name of a shipped robot, path of a robot's file, or the robot itself.
         to: the format.
-        profile: profile of the robot, for an MJCF, ros2_control and nav2; the numbers of its file
-            if not given.
+        profile: its profile, not for URDF and SDF; the numbers of the robot's file if not given.
         errors: standard errors of the numbers for ros2_control, by the names of that file.
         timestep: physics step of an MJCF [s]; the profile's if not given.
 
     Raises:
-        ValueError: there is no such robot, or its file cannot be read.
-        ValueError: the profile cannot be read, is another robot's or has no place in the format,
-            the step has none or cannot be, or the robot cannot turn.
+        ValueError: robot or profile cannot be read; the profile is another robot's or has no place
+            in the format; the step has none or cannot be; or the robot cannot turn.
     """
     chosen = load_robot(robot)
     if timestep is not None and to != "mjcf":
@@ -536,16 +528,15 @@ def export_robot(
     if to == "mjcf":
         section = numbers.section("mujoco")
         step = section.parameters.timestep if timestep is None else timestep
-        return mjcf_text(replace(section.parameters, timestep=step), section.drive)
+        return exporting.mjcf_text(replace(section.parameters, timestep=step), section.drive)
+    kinematic = numbers.section("kinematic")
     if to == "nav2":
-        kinematic = numbers.section("kinematic")
-        return nav2_yaml(chosen, kinematic.drive, *fitted_errors(numbers, "kinematic"))
+        return exporting.nav2_yaml(chosen, kinematic.drive, *fitted_errors(numbers, "kinematic"))
     if to == "diff-drive" and profile is not None:
-        kinematic = numbers.section("kinematic")
         p = kinematic.parameters
         multiplier = (p.y_l - p.y_r) / chosen.track
         share = kinematic.vehicle.wheel_radius / chosen.wheel_radius
-        return diff_drive_yaml(
+        return exporting.diff_drive_yaml(
             chosen,
             multiplier,
             share * p.alpha_l,
@@ -560,12 +551,12 @@ def export_robot(
             raise ValueError(
                 f"robot {chosen.name} does not stand on its four wheels; `check` says why"
             )
-        return diff_drive_yaml(
+        return exporting.diff_drive_yaml(
             chosen, spot.multiplier, errors={"wheel_separation_multiplier": turning_doubt(chosen)}
         )
     if to == "sdf":
-        return sdf_text(chosen)
-    return urdf_text(chosen)
+        return exporting.sdf_text(chosen)
+    return exporting.urdf_text(chosen)
 
 
 def _export(
@@ -579,18 +570,17 @@ def _export(
     """Write a robot as a URDF, an SDF or an MJCF model, or its numbers for ros2_control or nav2.
 
     An SDF has friction and torque, too. An MJCF drives in plain MuJoCo like the robot here, on
-    level ground. How a robot's driver delays commands only nav2 can be told.
+    level ground.
 
     Args:
         robot: Name of a robot that comes with the package, or path of a robot's file.
         to: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo, diff-drive for ros2_control's
             diff_drive_controller, nav2 for its MPPI and its velocity smoother.
-        profile: Profile of this robot, whose numbers mjcf, diff-drive and nav2 then have: name of a
+        profile: Profile of this robot, whose numbers all but urdf and sdf then have: name of a
             shipped one, or path (.toml).
         timestep: Physics step for which an mjcf is written [s], the profile's if not given; the
             file says up to which it will do.
-        out: File to write; there must be none of that name. NAME.urdf, .sdf, .mjcf, .yaml or
-            .nav2.yaml if not given.
+        out: File to write; there must be none of that name. NAME.FORMAT if not given.
     """
     ending = {"diff-drive": "yaml", "nav2": "nav2.yaml"}.get(to, to)
     target = out or Path(f"{file_name(load_robot(robot).name)}.{ending}")

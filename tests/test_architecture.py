@@ -517,8 +517,9 @@ PRICES = {
     "validation/simulator": Price(
         23_200,
         5,
-        66,
-        "a robot's description becomes a MuJoCo model that moves",
+        67,
+        "a robot's description becomes a MuJoCo model that moves, and files of other programs, "
+        "also nav2's limits and dead times",
     ),
     "validation/study": Price(
         9_500,

@@ -255,13 +255,13 @@ def test_the_pose_is_that_of_the_most_independent_source(tmp_path: Path) -> None
     """Neither the controller's, which follows from its wheels, nor a goal's."""
     log = read_log(write(tmp_path, "mcap", weaving(sources=("/tracker/pose",))))
     assert log.groups["pose"].source == "/tracker/pose"
-    assert Inspected(log).faults.named == ()
+    assert Inspected(log).faults == ()
     (why,) = [remark for remark in log.remarks if "the pose is that of" in remark]
     assert "/odom follows from the wheels alone" in why
     assert "/move_base/goal is a goal" in why
     alone = read_log(write(tmp_path, "mcap", weaving(sources=()), "alone"))
     assert alone.groups["pose"].source == "/odom"
-    assert Inspected(alone).faults.named[0].kind == "circular"
+    assert Inspected(alone).faults[0].kind == "circular"
 
 
 @pytest.mark.parametrize(

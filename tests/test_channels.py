@@ -44,7 +44,7 @@ def test_a_rare_channel_of_a_bag_cuts_nothing_of_the_motion(tmp_path: Path) -> N
     write_log(log, tmp_path / "drive.csv")
     again = read_log(tmp_path / "drive.csv")
     assert np.array_equal(again.columns["battery"], common.columns["battery"])
-    assert Inspected(log).faults.named == Inspected(alone).faults.named
+    assert Inspected(log).faults == Inspected(alone).faults
 
 
 def test_a_channel_is_one_of_the_recorded_motion(tmp_path: Path) -> None:

@@ -316,7 +316,7 @@ def test_a_fault_has_its_kind_and_its_numbers(name: str) -> None:
     kind, spoil = INVENTED[name]
     log = read_log("husky").on_one_clock()
     columns = spoil({"t": log.t, **log.columns})
-    found = Inspected(Log.of_columns("log.csv", columns), 0.165).faults.named
+    found = Inspected(Log.of_columns("log.csv", columns), 0.165).faults
     assert kind in [fault.kind for fault in found]
     assert len(found) <= 2
     if name == "swapped from half on":
@@ -332,7 +332,7 @@ def test_signals_that_agree_outvote_the_one_that_does_not() -> None:
     for name in ("gyro_z", "yaw"):
         (found,) = Inspected(
             Log.of_columns("log.csv", {**columns, name: 2.0 * columns[name]})
-        ).faults.named
+        ).faults
         assert found.columns == (name,)
         assert found.kind == "scale"
 
@@ -381,10 +381,10 @@ def test_a_log_says_what_it_cannot_tell(name: str) -> None:
 def test_what_no_mistake_explains_is_said_with_its_number() -> None:
     """A place that sways by 0.8 m has no wrong unit, sign or frame; the sound log passes."""
     sound = pandas.read_csv(log_path("husky"))
-    assert not open_log(sound).faults.named
+    assert not open_log(sound).faults
     t = sound["t"]
     sways = sound.assign(x=sound["x"] + 0.8 * np.sin(t), y=sound["y"] + 0.8 * np.cos(0.7 * t))
-    (fault,) = open_log(sways).faults.named
+    (fault,) = open_log(sways).faults
     assert fault.kind == "disagree"
     assert {"x", "y"} <= {*fault.columns}
     assert "no mistake that is looked for explains it" in fault.sentence

@@ -18,7 +18,7 @@ from validation.files import motion
 from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
 from validation.files.csv_logs import write_csv
 from validation.files.formats import log_path, read_log
-from validation.files.inspection import AFTER_COMMAND_S, Faults, Inspected
+from validation.files.inspection import AFTER_COMMAND_S, Inspected
 from validation.files.log import Log
 from validation.files.motion import JUMP_M, JUMP_RAD
 from validation.fit import fit
@@ -60,8 +60,8 @@ def drive(seconds: float = 60.0, slow: float = 1.0, speed: float = 1.0) -> dict[
     return {"t": t, **named, **dict(zip(("x", "y", "yaw"), pose, strict=True))}
 
 
-def faults_of(columns: dict[str, FloatArray]) -> Faults:
-    return Inspected(Log.of_columns("log.csv", columns)).faults
+def faults_of(columns: dict[str, FloatArray]) -> Inspected:
+    return Inspected(Log.of_columns("log.csv", columns))
 
 
 def scaled(factor: float, *names: str) -> Callable[[dict[str, FloatArray]], dict[str, FloatArray]]:
@@ -91,8 +91,8 @@ def with_jumps(
 def test_a_sound_log_has_no_faults() -> None:
     measured = faults_of(drive())
     assert measured.sentences() == []
-    assert measured.jumps is not None
-    assert len(measured.jumps.t) == 0
+    assert measured.signals.jumps is not None
+    assert len(measured.signals.jumps.t) == 0
     assert measured.uncommanded_share == 0.0
 
 
@@ -101,7 +101,7 @@ def test_a_sound_log_has_no_faults() -> None:
 )
 def test_jumps_are_found_where_they_are(name: str, size: float) -> None:
     at = [7.3, 20.0, 20.1, 41.5]
-    measured = faults_of(with_jumps(drive(), dict.fromkeys(at, size), name)).jumps
+    measured = faults_of(with_jumps(drive(), dict.fromkeys(at, size), name)).signals.jumps
     assert measured is not None
     np.testing.assert_allclose(measured.t, at)
     steps = measured.radians if name == "yaw" else measured.metres
@@ -115,7 +115,7 @@ def test_a_localiser_that_stalls_and_catches_up_does_not_jump() -> None:
     since = np.where(columns["t"] % 6.0 < 1.0, np.round((columns["t"] % 6.0) / DT), 0.0).astype(int)
     measured = faults_of(
         {**columns, **{name: columns[name][np.arange(1200) - since] + creep for name in ("x", "y")}}
-    ).jumps
+    ).signals.jumps
     assert measured is not None
     assert len(measured.t) == 0
     assert measured.caught_up >= 5
@@ -132,7 +132,7 @@ def test_a_fast_robot_slides_on_when_its_wheels_stop(monkeypatch: pytest.MonkeyP
 def test_motion_through_a_gap_is_no_jump() -> None:
     columns = drive()
     keep = (columns["t"] < 20.0) | (columns["t"] > 24.0)
-    measured = faults_of({n: a[keep] for n, a in columns.items()}).jumps
+    measured = faults_of({n: a[keep] for n, a in columns.items()}).signals.jumps
     assert measured is not None
     assert len(measured.t) == 0
 
@@ -140,10 +140,10 @@ def test_motion_through_a_gap_is_no_jump() -> None:
 def test_commands_say_how_fast_a_robot_without_encoders_is() -> None:
     columns = {n: a for n, a in drive().items() if not n.startswith("enc")}
     jumped = faults_of(with_jumps(columns, {30.0: 1.0}))
-    assert jumped.jumps is not None
-    assert jumped.jumps.t.tolist() == pytest.approx([30.0])
+    assert jumped.signals.jumps is not None
+    assert jumped.signals.jumps.t.tolist() == pytest.approx([30.0])
     assert jumped.uncommanded_share is None
-    assert faults_of({n: a for n, a in columns.items() if not n.startswith("cmd")}).jumps is None
+    assert faults_of({n: a for n, a in columns.items() if not n.startswith("cmd")}).signals.jumps is None
 
 
 def test_driving_without_commands_is_measured() -> None:
@@ -271,12 +271,12 @@ def shipped() -> list[str]:
 def test_mistakes_of_loggers_are_named_and_a_sound_log_is_not_blamed(name: str) -> None:
     log = read_log(name).on_one_clock()
     columns = {"t": log.t, **log.columns}
-    assert faults_of(columns).named == ()
+    assert faults_of(columns).faults == ()
     missed = set()
     for mistake, (kind, names, spoil) in mistakes(
         0.3 if name == "warthog" else EkfSettings.radius
     ).items():
-        measured = faults_of(spoil(dict(columns))).named
+        measured = faults_of(spoil(dict(columns))).faults
         if not any(f.kind == kind and set(names.split()) & set(f.columns) for f in measured):
             missed.add(mistake)
     assert missed == UNSEEN.get(name, set())
@@ -287,7 +287,7 @@ def test_a_known_radius_shows_the_unit_of_wheel_rates(unit: str) -> None:
     log = read_log("husky").on_one_clock()
     radius = EkfSettings.radius
     spoiled = scaled(SPEEDS[unit] * radius, *WHEELS)({"t": log.t, **log.columns})
-    (found,) = Inspected(Log.of_columns("log.csv", spoiled), radius).faults.named
+    (found,) = Inspected(Log.of_columns("log.csv", spoiled), radius).faults
     assert found.kind == "scale"
     assert "wheels of another radius than 0.165 m" in found.sentence
 
@@ -301,7 +301,7 @@ def test_a_part_of_a_sound_log_is_not_blamed(missing: tuple[str, ...]) -> None:
         for start in np.arange(log.t[0], log.t[-1] - 25.0, 20.0):
             part = log.cut(start, start + 25.0)
             there = {n: a for n, a in part.columns.items() if n not in missing}
-            assert faults_of({"t": part.t, **there}).named == (), (name, start)
+            assert faults_of({"t": part.t, **there}).faults == (), (name, start)
 
 
 def test_degrees_that_turn_by_much_a_sample_are_named_as_such() -> None:
@@ -312,7 +312,7 @@ def test_degrees_that_turn_by_much_a_sample_are_named_as_such() -> None:
         "yaw": (turned + 180.0) % 360.0 - 180.0,
     }
     assert ("scale", ("yaw",)) in [
-        (f.kind, f.columns) for f in faults_of(spun | {"cmd_w": spun["gyro_z"]}).named
+        (f.kind, f.columns) for f in faults_of(spun | {"cmd_w": spun["gyro_z"]}).faults
     ]
 
 
@@ -322,7 +322,7 @@ def test_units_of_positions_show_on_ice_where_wheels_hardly_tell_the_way() -> No
         pytest.skip(f"there is no {path}")
     log = read_log(path).on_one_clock()
     for unit in ("cm", "mm"):
-        measured = faults_of(scaled(WAYS[unit], "x", "y")({"t": log.t, **log.columns})).named
+        measured = faults_of(scaled(WAYS[unit], "x", "y")({"t": log.t, **log.columns})).faults
         assert {(f.kind, f.columns) for f in measured} == {
             ("sign", ("gyro_z",)),
             ("scale", ("x", "y")),
@@ -331,7 +331,7 @@ def test_units_of_positions_show_on_ice_where_wheels_hardly_tell_the_way() -> No
 
 def test_two_signals_that_contradict_each_other_are_both_named() -> None:
     columns = {n: a for n, a in drive().items() if n in ("t", *WHEELS, *POSE_COLUMNS)}
-    (measured,) = faults_of(swapped(*WHEELS)(columns)).named
+    (measured,) = faults_of(swapped(*WHEELS)(columns)).faults
     assert {*WHEELS, "yaw"} <= set(measured.columns)
 
 

@@ -157,4 +157,4 @@ def test_a_log_cannot_be_changed_and_can_be_sent(paths: list[Path]) -> None:
             each.groups["pose"] = log.groups["pose"]  # type: ignore[index]
         sent = pickle.loads(pickle.dumps(each))  # noqa: S301 # our own
         assert np.array_equal(sent.table(("x", "y")), each.table(("x", "y")))
-    assert Inspected(log).faults.named == Inspected(log).faults.named
+    assert Inspected(log).faults == Inspected(log).faults

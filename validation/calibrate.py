@@ -339,7 +339,7 @@ def calibrate(o: Calibrate) -> Calibrated:
     faults: list[LogFault] = []
     inputs: list[Input] = ["wheels", "commands"]
     for name, inspected in opened.items():
-        found = inspected.faults.named
+        found = inspected.faults
         opened[name], own, own_notes = choose_inputs(inspected, o.trust, cli.warn_user)
         inputs = [each for each in inputs if each in own]
         faults += found

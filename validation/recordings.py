@@ -157,7 +157,7 @@ class LogReport(Report):
         """Return faults, contents and delays."""
         rows = [
             {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence}
-            for f in self.inspected.faults.named
+            for f in self.inspected.faults
         ]
         faults = Table("Faults", rows, "These are not what their names say.")
         parts = _parts_table(self.inspected.parts)
@@ -165,13 +165,13 @@ class LogReport(Report):
 
     def figure(self) -> Figure:
         """Return its picture: the log part by part."""
-        return _draw_parts(self.title, self.inspected.parts, self.inspected.faults.named)
+        return _draw_parts(self.title, self.inspected.parts, self.inspected.faults)
 
     def notes(self) -> list[str]:
         """Return remarks on reading, gaps and rest, on faults, and the next step."""
         found = self.inspected
         notes = [*self.log.remarks, *_log_sentences(found)]
-        notes += [*found.faults.sentences(named=False), *found.lacks]
+        notes += [*found.sentences(), *found.lacks]
         notes.append(_next_step(self.asked, found))
         uses = _name_uses(found)
         if "yes" in uses and found.unsolved:
@@ -255,7 +255,6 @@ def _log_document(found: Inspected) -> dict[str, Any]:
     """Findings as the JSON file has them."""
     log = found.log
     offsets = found.offsets
-    faults = found.faults
     rest = found.rest
     groups = {}
     for name, group in log.groups.items():
@@ -272,7 +271,7 @@ def _log_document(found: Inspected) -> dict[str, Any]:
     seconds = {offset.behind: 0.0 for offset in offsets}
     for offset in offsets:
         seconds[offset.late] = offset.seconds
-    jumps = faults.jumps
+    jumps = found.signals.jumps
     taken = [topic for topic in log.topics if topic.role]
     clock = "columns"
     if taken:
@@ -292,9 +291,9 @@ def _log_document(found: Inspected) -> dict[str, Any]:
         "pose_jumps_at_s": None if jumps is None else jumps.t.tolist(),
         "pose_jumps_m": None if jumps is None else jumps.metres.tolist(),
         "pose_jumps_rad": None if jumps is None else jumps.radians.tolist(),
-        "uncommanded_share": faults.uncommanded_share,
-        "dead_columns": list(faults.dead_columns),
-        "faults": [asdict(fault) for fault in faults.named],
+        "uncommanded_share": found.uncommanded_share,
+        "dead_columns": list(found.dead_columns),
+        "faults": [asdict(fault) for fault in found.faults],
         "gyro_at_rest": None if rest is None else asdict(rest),
         "parts": found.parts,
     }

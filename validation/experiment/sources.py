@@ -259,7 +259,7 @@ def source_of(
     """
     log = inspected.common.cut(*span)
     names = COMMAND_COLUMNS[kind]
-    sentences = inspected.faults.sentences()
+    sentences = [*(fault.sentence for fault in inspected.faults), *inspected.sentences()]
     _require_columns(log, POSE_COLUMNS, _WITHOUT_POSE)
     if kind == "wheels":
         _require_columns(log, names, _WITHOUT_WHEELS)

@@ -122,34 +122,6 @@ def unbiased(log: Log, rest: Rest | None) -> Log:
 
 
 # ------------------------------------------------------------------------------------------ faults
-@dataclass(frozen=True, eq=False)
-class Faults:
-    """Faults of a log."""
-
-    named: tuple[LogFault, ...]
-    """Columns that are not what their names say."""
-    jumps: Jumps | None
-    """Jumps of the pose; None where there is no pose, or nothing says how fast the robot was."""
-    uncommanded_share: float | None
-    """Share of the time in which wheels turn without a command [1]; None without commands or
-    wheels."""
-    dead_columns: tuple[str, ...]
-    """Columns that stay the same although the robot moves."""
-
-    def sentences(self, *, named: bool = True) -> list[str]:
-        """Return a sentence for each fault of the log, with or without the `named` ones."""
-        notes = [fault.sentence for fault in self.named if named]
-        if self.jumps is not None:
-            notes += self.jumps.sentences()
-        share = self.uncommanded_share
-        if share is not None and share >= 0.01:
-            notes.append(
-                f"the wheels turn with no command for {100.0 * share:.0f} % of the log "
-                "(joystick?); use --input wheels"
-            )
-        return notes
-
-
 def _list_faults(signals: Signals) -> Iterator[LogFault]:
     """Yield what single columns show, and then what explains all that are left."""
     for fact in FACTS:
@@ -165,17 +137,6 @@ def _list_faults(signals: Signals) -> Iterator[LogFault]:
     for fault in too_large(signals):
         if not blamed & {*fault.columns}:
             yield fault
-
-
-def find_faults(signals: Signals) -> Faults:
-    """Return the faults of a log."""
-    log = signals.log
-    faults = (*log.faults, *_list_faults(signals))
-    share = _uncommanded_share(signals)
-    frozen = chain(*(fault.columns for fault in faults if fault.kind == "frozen"))
-    dead = [*frozen, *(TWIST if share and log.has(TWIST) else ())]
-    same = tuple(name for name in dead if np.ptp(log.columns[name]) == 0.0)
-    return Faults(faults, signals.jumps, share, same)
 
 
 def _uncommanded_share(signals: Signals) -> float | None:
@@ -211,9 +172,38 @@ class Inspected:
         return Signals(self.log, self.radius)
 
     @cached_property
-    def faults(self) -> Faults:
-        """Its faults."""
-        return find_faults(self.signals)
+    def faults(self) -> tuple[LogFault, ...]:
+        """Columns that are not what their names say."""
+        return (*self.log.faults, *_list_faults(self.signals))
+
+    @cached_property
+    def uncommanded_share(self) -> float | None:
+        """Share of the time in which wheels turn without a command [1].
+
+        None without commands or wheels.
+        """
+        return _uncommanded_share(self.signals)
+
+    @cached_property
+    def dead_columns(self) -> tuple[str, ...]:
+        """Columns that stay the same although the robot moves."""
+        log = self.log
+        dead = [*chain(*(fault.columns for fault in self.faults if fault.kind == "frozen"))]
+        if self.uncommanded_share and log.has(TWIST):
+            dead += TWIST
+        return tuple(name for name in dead if np.ptp(log.columns[name]) == 0.0)
+
+    def sentences(self) -> list[str]:
+        """Return what is to be known before its numbers are used, besides its `faults`."""
+        jumps = self.signals.jumps
+        notes = [] if jumps is None else jumps.sentences()
+        share = self.uncommanded_share
+        if share is not None and share >= 0.01:
+            notes.append(
+                f"the wheels turn with no command for {100.0 * share:.0f} % of the log "
+                "(joystick?); use --input wheels"
+            )
+        return notes
 
     @cached_property
     def parts(self) -> list[dict[str, Any]]:
@@ -238,7 +228,7 @@ class Inspected:
     @property
     def unsolved(self) -> list[LogFault]:
         """Its faults but those that were put right when it was read."""
-        return [fault for fault in self.faults.named if fault not in self.log.faults]
+        return [fault for fault in self.faults if fault not in self.log.faults]
 
     @property
     def fatal(self) -> list[LogFault]:

@@ -279,7 +279,7 @@ def choose_inputs(
     log = inspected.log
     if not trust and (inspected.fatal or inspected.lacks):
         _raise_refusal(inspected, warn)
-    often = (inspected.faults.uncommanded_share or 0.0) > _UNCOMMANDED
+    often = (inspected.uncommanded_share or 0.0) > _UNCOMMANDED
     inputs = list[Input]()
     if by_wheels:
         inputs.append("wheels")
@@ -298,7 +298,7 @@ def _raise_refusal(inspected: Inspected, warn: Callable[[str], object]) -> NoRet
     """Raise a ValueError on the first thing to look at; `warn` gets the others."""
     name = inspected.log.name
     lacks = inspected.lacks
-    others = [*(fault.sentence for fault in inspected.faults.named), *lacks]
+    others = [*(fault.sentence for fault in inspected.faults), *lacks]
     spoiled: dict[str, None] = {}
     for fault in inspected.fatal:
         spoiled |= dict.fromkeys(fault.columns)

@@ -21,7 +21,7 @@ from validation.files.columns import POSE_COLUMNS
 from validation.files.explanation import find_parts, judged
 from validation.files.formats import AnyLog, read_log
 from validation.files.log import PLAIN, Group, Log, LogFault, ReadOptions
-from validation.files.motion import ENCODERS, TWIST, Jumps
+from validation.files.motion import ENCODERS, TWIST
 from validation.files.offsets import Offset, estimate_offsets
 from validation.files.plain_faults import FACTS, too_large
 from validation.files.reading import FileError

@@ -258,7 +258,7 @@ def _number_columns(row: JudgedRow, metric: str) -> Document:
         **dict(limits),
         "ours": pair.ours,
         "spread": pair.spread,
-        "supposed": None if pair.supposed is None else pair.supposed.value,
+        "supposed": None if pair.supposed is None else pair.supposed.ours,
         **pair.beside,
     }
     return {name.replace("_", " "): value for name, value in columns.items()}
@@ -270,7 +270,7 @@ def _metric_columns(row: JudgedRow, metric: str) -> Row:
     columns = _number_columns(row, metric)
     columns["ours"] = _printed_interval(pair.ours, columns.pop("spread"))
     if pair.supposed is not None:
-        columns["supposed"] = _printed_interval(pair.supposed.value, pair.supposed.spread)
+        columns["supposed"] = _printed_interval(pair.supposed.ours, pair.supposed.spread)
     ending = ending_of(metric)
     stem = metric.removesuffix(ending)
     return {f"{stem} {name}{ending}": value for name, value in columns.items()}

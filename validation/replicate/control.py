@@ -43,7 +43,6 @@ from validation.replicate.verdicts import (
     Pair,
     Rows,
     Rule,
-    Supposed,
     judged_rows,
 )
 from validation.report.drawing import (
@@ -231,17 +230,18 @@ def _table_rows(
     for metric, rule in RULE_OF.items():
         ours, spread = find_mean(metric, False)
         under, its_spread = find_mean(metric, True)
-        pairs[metric] = Pair(
+        pair = Pair(
             printed.get(metric),
             ours,
             rule,
             unit_of_metric(metric),
             spread,
             obstacle="every seed lost the reference" if ours is None else "",
-            supposed=None
-            if under is None
-            else Supposed(under, its_spread, supposition_for(number)),
         )
+        if under is not None:
+            other = replace(pair, ours=under, spread=its_spread)
+            pair = replace(pair, supposed=other, supposition=supposition_for(number))
+        pairs[metric] = pair
     return {f"{theirs['trajectory']}_{theirs['speed_m_s']:.2f}": pairs}
 
 
@@ -303,8 +303,8 @@ def _draw_panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
                 half_bar = 1e3 * (pair.spread or 0.0)
                 ink = VERDICT_INKS[row.whole.status]
                 ax.errorbar(1e3 * pair.ours, k, xerr=half_bar, fmt="o", color=ink, capsize=3)
-            if pair.supposed is not None:
-                ax.plot(1e3 * pair.supposed.value, k, "o", mfc="none", color="0.3")
+            if pair.supposed is not None and (supposed := pair.supposed.ours) is not None:
+                ax.plot(1e3 * supposed, k, "o", mfc="none", color="0.3")
             if pair.published is not None:
                 ax.plot(1e3 * pair.published, k, "|", color="black", ms=14, mew=2)
         ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(len(labels) - 0.5, -0.5), title=title)

@@ -298,5 +298,9 @@ def _row_entry(row: JudgedRow, metric: str) -> Document:
     ranges = {"within": row.criterion.within.get(metric, ()), "bounds": pair.bounds}
     entry |= {name: list(ends) for name, ends in ranges.items() if ends}
     if (under := pair.supposed) is not None:
-        entry |= {"supposed": under.value, "supposed_spread": under.spread, "if": under.text}
+        entry |= {
+            "supposed": under.ours,
+            "supposed_spread": under.spread,
+            "if": pair.supposition,
+        }
     return entry | _verdict_entry(row.verdicts[metric])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cache
 from importlib import resources
@@ -59,18 +59,6 @@ UNEXPLAINED = "unexplained"
 """Reason of a difference for which no reason is known."""
 
 
-class Supposed(NamedTuple):
-    """A number of ours under a supposition about what the thesis does not print."""
-
-    value: float
-    """The number."""
-    spread: float | None
-    """Its standard deviation; None if it is not known."""
-    text: str
-    """The supposition in words, without a full stop; it ends a sentence that begins with "it agrees
-    if". `SUPPOSED_ON` is the page of docs/ that shows it."""
-
-
 SUPPOSED_ON = "tracking.md"
 
 
@@ -92,8 +80,12 @@ class Pair:
     """Further numbers of ours by name, for the record."""
     obstacle: str = ""
     """Reason found by the run why they cannot be compared; empty if they can."""
-    supposed: Supposed | None = None
-    """Our number under a supposition, the same for all numbers of a row; None if there is none."""
+    supposed: Pair | None = None
+    """The same with our number under a supposition about what the thesis does not print; None if
+    there is none."""
+    supposition: str = ""
+    """That supposition, the same for all numbers of a row, in words that end a sentence which
+    begins with "it agrees if". `SUPPOSED_ON` is the page of docs/ that shows it."""
     bounds: Sequence[float] = ()
     """Ends of the range in which ours was searched; empty for a number that was not."""
     scale: Scale = "linear"
@@ -297,9 +289,9 @@ def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Ver
     counted = given or {m: v for m, v in verdicts.items() if v.see} or verdicts
     judged = {m: v for m, v in counted.items() if v.status != "not compared"} or counted
     worst = max((v.status for v in judged.values()), key=_WORSE.index)
-    supposed = pairs[next(iter(judged))].supposed
-    if supposed is not None and worst in _WORSE[2:] and all(_agrees_if(pairs[m]) for m in judged):
-        return Verdict("agrees if", f"it agrees if {supposed.text}", SUPPOSED_ON)
+    supposition = pairs[next(iter(judged))].supposition
+    if supposition and worst in _WORSE[2:] and all(_agrees_if(pairs[m]) for m in judged):
+        return Verdict("agrees if", f"it agrees if {supposition}", SUPPOSED_ON)
     texts = dict.fromkeys(v.reason for v in judged.values() if v.reason)
     pages = dict.fromkeys(v.see for v in judged.values() if v.see)
     return Verdict(worst, "; ".join(texts), "; ".join(pages))
@@ -307,10 +299,7 @@ def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Ver
 
 def _agrees_if(pair: Pair) -> bool:
     """Whether our number agrees under its supposition."""
-    under = pair.supposed
-    if under is None:
-        return False
-    return compare_numbers(replace(pair, ours=under.value, spread=under.spread)) == "agrees"
+    return pair.supposed is not None and compare_numbers(pair.supposed) == "agrees"
 
 
 def judged_rows(tables: Mapping[str, Rows]) -> list[JudgedRow]:

@@ -19,7 +19,7 @@ from validation.simulator.model import GRAVITY, robot_model
 from validation.simulator.motors import actuator_inputs
 from validation.simulator.parts import robot_parts
 from validation.simulator.physics import PhysicsSettings
-from validation.simulator.turning import closed_form, load_sensitivity
+from validation.simulator.turning import closed_form
 
 RIM_SPEED = 0.13
 ROLL_SPEED = 0.4
@@ -37,6 +37,24 @@ EXACT = PhysicsSettings(solver="Newton")
 shipped one to it."""
 TILT = math.radians(8.0)
 """Slope on which a robot creeps [rad]."""
+_LOAD_SHIFTS = (0.005, 0.005, 0.02, 0.2)
+"""A slow turn on the spot may move the loads by these shares, see `turn_on_the_spot` [1]: forces
+towards the turn's centre move half a per cent of the weight to the front or aside; the soft
+contact, which carries more where it slips faster, moves two per cent between diagonals and a fifth
+between a wide tyre's edges (docs/robots.md, "Robots of other sizes and shapes")."""
+
+
+def load_sensitivity(calibration: Calibration) -> float:
+    """Return the share by which the closed form's multiplier may change with the loads [1].
+
+    It is small but for robots with their centre of mass far off the middle, which barely turn.
+    """
+    at_rest = math.log(closed_form(calibration).multiplier)
+    total = 0.0
+    for shift in np.diag(_LOAD_SHIFTS):
+        shifted = [closed_form(calibration, tuple(sign * shift)) for sign in (1.0, -1.0)]
+        total += max(abs(math.log(turn.multiplier) - at_rest) for turn in shifted)
+    return total
 
 
 class Bench:

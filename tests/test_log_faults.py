@@ -143,7 +143,10 @@ def test_commands_say_how_fast_a_robot_without_encoders_is() -> None:
     assert jumped.signals.jumps is not None
     assert jumped.signals.jumps.t.tolist() == pytest.approx([30.0])
     assert jumped.uncommanded_share is None
-    assert faults_of({n: a for n, a in columns.items() if not n.startswith("cmd")}).signals.jumps is None
+    assert (
+        faults_of({n: a for n, a in columns.items() if not n.startswith("cmd")}).signals.jumps
+        is None
+    )
 
 
 def test_driving_without_commands_is_measured() -> None:

@@ -136,10 +136,10 @@ FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
         "cannot turn on the spot on ground",
         "at least 89.13 N m",
     ),
-    "a line of contact": (
-        {"simulation": {"wheel_shape": "cylinder"}},
-        "turns with a multiplier of",
-        "usual wheel_shape",
+    "soft servos": (
+        {"simulation": {"gain": 5.0}},
+        "rate of a wheel in a slow turn",
+        "raise simulation.gain",
     ),
     "step": (
         {"drive": {"hold": 0.0213}},
@@ -190,7 +190,11 @@ HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
         "wheel_radius is a guess: count",
     ),
     "grams": (
-        {"mass": {"total": 70_000.0}, "drive": {"torque_limit": 1e5}},
+        {
+            "mass": {"total": 70_000.0},
+            "drive": {"torque_limit": 1e5},
+            "simulation": {"gain": 1e5},
+        },
         "kg a cubic metre of its hull",
     ),
     "a guessed mass": (

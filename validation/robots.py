@@ -219,8 +219,8 @@ class RobotCheck(Report):
 def check_robot(o: CheckRobot) -> RobotCheck:
     """Check a robot: what is wrong with its file, and what would be right.
 
-    Builds it in MuJoCo, turns it on the spot and weighs its wheels. An MJCF of others is driven
-    with its own physics, and changes are tried before they are named.
+    Drives it in MuJoCo, and weighs what is there against what mechanics says. An MJCF of others is
+    driven with its own physics, and changes are tried before they are named.
 
     Prints every number with its source, and writes robot.json and robot.png. The exit status is 1
     where something is wrong.
@@ -250,7 +250,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     elif o.engine != "mujoco":
         examined = examine_in_engine(robot, foreign, o.engine)
     else:
-        examined = examine_model(robot)
+        examined = examine_model(robot, findings)
     # trials of changes know better than numbers alone
     causes = {finding.cause for finding in examined.findings}
     tried = {f.kind for f in examined.findings if f.after is not None and f.severity == "fault"}

@@ -55,6 +55,10 @@ _LONGEST = 12.0
 
 TURN = "turn for 90° of the wheels"
 """BalanceRow of the turn on the spot."""
+ON_GROUND = "time of the wheels on the ground"
+"""Row of wheels that may leave the ground."""
+MASS = "mass to set off, wheels turning"
+"""Row of the mass with what turns along."""
 ONE_WHEEL = "load of one wheel"
 """Row of a robot whose weight lies between its wheels."""
 LEAST_TURN = 9.0
@@ -195,7 +199,7 @@ def _weigh_standing(robot: OwnRobot) -> list[BalanceRow]:
     rows = [
         BalanceRow("load of all wheels", float(loads.sum()), weight, "N", weight, cause=cause),
         BalanceRow(
-            "mass to set off, wheels turning",
+            MASS,
             moving + rotors,
             moving,
             "kg",
@@ -349,7 +353,7 @@ def _weigh_turn(robot: OwnRobot, ride: Trajectory, rims: FloatArray) -> list[Bal
     expected = min(max(found, bounds[0]), bounds[1])
     rows = [
         BalanceRow(TURN, found, expected, "°", max(expected, LEAST_TURN)),
-        BalanceRow("time of the wheels on the ground", 1.0 - in_air, 1.0, "", 1.0, 0.01),
+        BalanceRow(ON_GROUND, 1.0 - in_air, 1.0, "", 1.0, 0.01),
     ]
     if len(ratios) > 2:
         low = float(ratios.min())

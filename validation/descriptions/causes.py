@@ -152,12 +152,17 @@ class Competition:
                     _judge_change(remedy[0], remedy[1], self.before[row], self.after, lines)
                 )
         explained = {f.kind for f in known if f.severity == "fault"}.intersection(_EXPLAINING)
+        told = set[str]()
         for row, weighed in self.before.items():
             is_left = _excess_of(self.after, row) > 1.0 and self.stands and not explained
+            # what one cause eats is told by its first row
+            if weighed.excess > 1.0 and weighed.cause in told:
+                continue
             if is_left or (row.startswith(ROLLING) and weighed.excess > 1.0):
                 cause = f"{row} {weighed.words}"
                 cause += f" ({weighed.cause})" if weighed.cause else ""
                 found.append(_judge_change("unexplained", cause, weighed, self.after))
+                told |= {weighed.cause} - {""}
         return found + _ask_about(self.robot)
 
     def rows(self) -> list[BalanceRow]:

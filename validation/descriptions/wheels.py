@@ -488,7 +488,9 @@ class WheeledRobot:
         if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
             torques[:] = 0.0
         of_joints = _least_way(model.jnt_actfrclimited[joints], model.jnt_actfrcrange[joints])
-        rate_gain = gain * (model.actuator_biasprm[:, 1] == 0.0)
+        holds_rate = model.actuator_biasprm[:, 1] == 0.0
+        # a servo that adds up how far a wheel lags gives more and more
+        grows = ~holds_rate & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_INTEGRATOR)
         found = []
         for wheel, most in enumerate(of_joints.tolist()):
             acting = np.flatnonzero(moments[:, wheel])
@@ -499,7 +501,9 @@ class WheeledRobot:
                 velocity=float(
                     (most_inputs[acting] / np.maximum(needs, 1e-300)).min(initial=np.inf)
                 ),
-                gain=float(np.abs(rate_gain[acting] * levers) @ needs) or np.inf,
+                gain=np.inf
+                if grows[acting].any()
+                else float(np.abs((gain * holds_rate)[acting] * levers) @ needs) or np.inf,
                 gear=float(np.sign(gain[acting] @ levers)) or np.inf,
             )
             found.append({key: value for key, value in numbers.items() if value < np.inf})

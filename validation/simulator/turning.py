@@ -23,12 +23,6 @@ SPIN_LEAD = 2.0
 STRAIGHT_SPEED = 0.5
 """Commanded speed of the straight drive [m/s]."""
 
-_LOAD_SHIFTS = (0.005, 0.005, 0.02, 0.2)
-"""A slow turn on the spot may move the loads by these shares, see `turn_on_the_spot` [1]: forces
-towards the turn's centre move half a per cent of the weight to the front or aside; the soft
-contact, which carries more where it slips faster, moves two per cent between diagonals and a fifth
-between a wide tyre's edges (docs/robots.md, "Robots of other sizes and shapes")."""
-
 
 def held_twist(v: float, w: float, seconds: float) -> Commands:
     """Return a constant command of speed [m/s] and yaw rate [rad/s]."""
@@ -71,19 +65,6 @@ def closed_form(
         half_width=half_width,
         shift=shift,
     )
-
-
-def load_sensitivity(calibration: Calibration) -> float:
-    """Return the share by which the closed form's multiplier may change with the loads [1].
-
-    It is small but for robots with their centre of mass far off the middle, which barely turn.
-    """
-    at_rest = math.log(closed_form(calibration).multiplier)
-    total = 0.0
-    for shift in np.diag(_LOAD_SHIFTS):
-        shifted = [closed_form(calibration, tuple(sign * shift)) for sign in (1.0, -1.0)]
-        total += max(abs(math.log(turn.multiplier) - at_rest) for turn in shifted)
-    return total
 
 
 def measure_spin(motion: Trajectory, calibration: Calibration) -> dict[str, float]:

@@ -43,7 +43,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         return open_file(path, *args, **kwargs)
 
     monkeypatch.setattr(os, "open", count_opening)
-    for name in ("find_faults", "estimate_offsets", "find_rest"):
+    for name in ("judged", "estimate_offsets", "find_rest"):
         look = getattr(inspection, name)
 
         def count_look(signals: Any, look: Any = look, name: str = name) -> Any:
@@ -63,7 +63,7 @@ def test_calibrate_opens_each_log_once_and_looks_at_it_once(
 ) -> None:
     calibrate(paths, profile=BARE, plants=("kinematic",), trust=True)
     assert opened(counted) == {path.name: 1 for path in paths}
-    assert counted["find_faults"] == 2
+    assert counted["judged"] == 2
     assert counted["estimate_offsets"] <= 2
     assert counted["find_rest"] <= 2
 
@@ -76,7 +76,7 @@ def test_a_log_that_is_held_out_is_opened_once(paths: list[Path], counted: Count
     options: dict[str, Any] = {"profile": BARE, "input": "wheels", "search": "lsq"}
     fit("kinematic", first, until=40.0, held_out=(str(first), str(second)), **options)
     assert opened(counted) == {first.name: 1, second.name: 1}
-    assert counted["find_faults"] == 2
+    assert counted["judged"] == 2
 
 
 def test_programs_take_a_log_by_its_path_or_itself(paths: list[Path]) -> None:

@@ -21,7 +21,6 @@ from validation.replicate.verdicts import (
     UNEXPLAINED,
     Entry,
     Pair,
-    Supposed,
     Verdict,
     criterion_of,
     entries_of,
@@ -163,16 +162,16 @@ def test_a_row_is_judged_by_its_worst_number(statuses: list[str]) -> None:
 
 
 def test_a_row_agrees_under_a_supposition_only_in_all_its_numbers() -> None:
-    supposed = Supposed(0.010, None, "the floor was wet")
+    supposed = Pair(0.010, 0.010, "distance")
     pairs = {
-        m: Pair(0.010, x, "distance", supposed=supposed)
+        m: Pair(0.010, x, "distance", supposed=supposed, supposition="the floor was wet")
         for m, x in (("d_rms_m", 0.030), ("d_haus_m", 0.011))
     }
     rows = {
         "agrees if": pairs,
         "differs": {
             **pairs,
-            "d_haus_m": replace(pairs["d_haus_m"], supposed=supposed._replace(value=0.030)),
+            "d_haus_m": replace(pairs["d_haus_m"], supposed=replace(supposed, ours=0.030)),
         },
         "agrees": {"d_haus_m": pairs["d_haus_m"]},
     }

@@ -57,7 +57,7 @@ TURN = "turn for 90° of the wheels"
 """BalanceRow of the turn on the spot."""
 ON_GROUND = "time of the wheels on the ground"
 """Row of wheels that may leave the ground."""
-MASS = "mass to set off, wheels turning"
+MOVING_MASS = "mass to set off, wheels turning"
 """Row of the mass with what turns along."""
 ONE_WHEEL = "load of one wheel"
 """Row of a robot whose weight lies between its wheels."""
@@ -199,7 +199,7 @@ def _weigh_standing(robot: OwnRobot) -> list[BalanceRow]:
     rows = [
         BalanceRow("load of all wheels", float(loads.sum()), weight, "N", weight, cause=cause),
         BalanceRow(
-            MASS,
+            MOVING_MASS,
             moving + rotors,
             moving,
             "kg",

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from validation.descriptions.balance import MASS, ON_GROUND, BalanceRow, in_words
+from validation.descriptions.balance import MOVING_MASS, ON_GROUND, BalanceRow, in_words
 from validation.descriptions.causes import Competition, together
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
@@ -142,7 +142,7 @@ def examine_model(robot: Robot, known: Sequence[Finding] = ()) -> Examined:
     numbers = {
         "turning_multiplier": measures.get("multiplier"),
         "yaw_ripple": None,
-        "apparent_mass_kg": competition.before[MASS].found,
+        "apparent_mass_kg": competition.before[MOVING_MASS].found,
     }
     if "multiplier_max" in measures:
         apart = measures["multiplier_max"] - measures["multiplier_min"]

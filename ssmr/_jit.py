@@ -24,7 +24,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar
@@ -35,8 +35,10 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core import config as numba_config
 from numba.core.caching import IndexDataCacheFile
-from numba.core.compiler import CompileResult
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompileResult
 from numba.core.dispatcher import Dispatcher
+from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 from ssmr.types import FloatArray
@@ -44,11 +46,14 @@ from ssmr.types import FloatArray
 config: Any = numba_config
 """Settings of numba, which it reads from the environment when it is imported; no stub declares
 them."""
-_njit: Any = numba.njit
+_Library: Any = JITCodeLibrary
+_Compiler: Any = Compiler
+_Dispatcher: Any = CPUDispatcher
 _item_pointer: Any = cgutils.get_item_pointer
 _result: Any = CompileResult
 _index_and_data: Any = IndexDataCacheFile
 
+_OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _SHARES = 4
 """Shares of a thread: one that is done early takes another."""
 _CACHE_LIFETIME = 30 * 24 * 3600.0
@@ -116,15 +121,69 @@ F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T", bound=tuple[Any, ...])
 
 
+class _LinkedLibrary(_Library):  # type: ignore[misc]
+    """Code that callers take in as it is, and that never becomes machine code by itself.
+
+    Optimising it, machine code of it and wrappers for Python are a third of all compiling.
+    """
+
+    def _optimize_final_module(self) -> None:
+        """Leave that to the callers."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _LinkedCompiler(_Compiler):  # type: ignore[misc]
+    """Compiles a function as far as its callers need it."""
+
+    def __init__(self, *parts: Any) -> None:
+        typing, target, _, arguments, result, flags, variables = parts
+        flags.no_compile = True
+        library = _LinkedLibrary(target.codegen(), "linked")
+        super().__init__(typing, target, library, arguments, result, flags, variables)
+
+
+class _Inlined(_Dispatcher):  # type: ignore[misc]
+    """A function that is inlined in compiled callers; for Python it is compiled by itself."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        options = {**_OPTIONS, "forceinline": True, "no_cpython_wrapper": True}
+        super().__init__(function, {}, options, _LinkedCompiler)
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        return self._alone(*arguments, **named)
+
+    @cached_property
+    def _alone(self) -> Any:
+        return jit_alone(self.py_func)
+
+    def add_overload(self, compiled: Any) -> None:
+        """Make the code known to its callers alone: there is no entry for Python."""
+        known = compiled._replace(entry_point=object())
+        self.targetctx.insert_user_function(known.entry_point, known.fndesc, [known.library])
+        self.overloads[tuple(known.signature.args)] = known
+
+
+class _Alone(_Dispatcher):  # type: ignore[misc]
+    """A function with machine code of its own."""
+
+    def add_overload(self, compiled: Any) -> None:
+        """Make the code known, and to it what the exceptions of linked functions are made of."""
+        for environment in compiled._find_referenced_environments():
+            compiled.library.codegen.set_env(environment.env_name, environment)
+        super().add_overload(compiled)
+
+
 def jit(function: F) -> F:
     """Compile a numeric function that compiled functions call.
 
     It holds no interpreter lock and computes in IEEE arithmetic. It is inlined wherever it is
     called, because the laws are a few lines each and a call costs as much as they do. So it is not
-    kept on disk: what calls it is. Called from Python, it is compiled anew in every process; see
-    `jit_alone`.
+    kept on disk: what calls it is. Called from Python, it is compiled as `jit_alone` does.
     """
-    compiled: F = _njit(nogil=True, error_model="numpy", forceinline=True)(function)
+    compiled: F = _Inlined(function)
     return compiled
 
 
@@ -249,9 +308,9 @@ def _made_of(thing: Any) -> tuple[str, Sequence[Any]]:
 def _parts_of(function: FunctionType) -> list[Any]:
     """Return the code of a function and of those inside it, and all that they can refer to.
 
-    What numba's `overload` compiles in place of a function must be an attribute of that function.
+    So a function that is compiled in place of another one (`built_in`) must be in that one's place.
     """
-    parts = [function.__defaults__, *vars(function).values()]
+    parts: list[Any] = [function.__defaults__]
     parts += [cell.cell_contents for cell in function.__closure__ or ()]
     codes = [function.__code__]
     for code in codes:
@@ -272,7 +331,7 @@ def jit_alone(function: F) -> F:
 
     Unlike that of `jit`, it is not inlined, and is kept on disk.
     """
-    compiled: F = _njit(nogil=True, error_model="numpy")(function)
+    compiled: F = _Alone(function, {}, _OPTIONS)
     if _FOLDER:
         compiled._cache = _Kept(function)  # type: ignore[attr-defined]  # numba's
     return compiled
@@ -397,16 +456,9 @@ def sine_cosine(angle: float) -> tuple[float, float]:
     z = r * r
     s = _SINE[5]
     c = _COSINE[5]
-    s = multiply_add(s, z, _SINE[4])
-    c = multiply_add(c, z, _COSINE[4])
-    s = multiply_add(s, z, _SINE[3])
-    c = multiply_add(c, z, _COSINE[3])
-    s = multiply_add(s, z, _SINE[2])
-    c = multiply_add(c, z, _COSINE[2])
-    s = multiply_add(s, z, _SINE[1])
-    c = multiply_add(c, z, _COSINE[1])
-    s = multiply_add(s, z, _SINE[0])
-    c = multiply_add(c, z, _COSINE[0])
+    for k in range(4, -1, -1):  # becomes one line of instructions
+        s = multiply_add(s, z, _SINE[k])
+        c = multiply_add(c, z, _COSINE[k])
     s = multiply_add(r * z, s, r)
     c = multiply_add(z * z, c, multiply_add(-0.5, z, 1.0))
     quadrant = _float_bits(shifted)

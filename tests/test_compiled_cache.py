@@ -27,7 +27,6 @@ import numpy as np
 from ssmr._jit import built_in, jit, jit_alone
 from llvmlite import ir
 from numba import types
-from numba.extending import overload
 
 BY_NAME = 10.0
 BY_MODULE = 20.0
@@ -66,21 +65,25 @@ def written(typing):
     return types.float64(), build
 
 
-def stub(kind):
-    """Stand for what is chosen."""
+@built_in
+def chosen(typing, kind):
+    """Call what belongs to a type."""
+    law = kind.instance_class._advance._numba_type_
+
+    def build(context, builder, signature, arguments):
+        x = builder.extract_value(arguments[0], 0)
+        moved = builder.fadd(x, ir.Constant(ir.DoubleType(), 100.0))
+        return context.get_function(law, call)(builder, [moved])
+
+    call = typing.resolve_function_type(law, [types.float64], {})
+    return types.float64(kind), build
 
 
-@overload(stub, strict=False)
-def chosen(kind):
-    law = kind.instance_class._advance
-
-    def call(kind):
-        return law(kind.x + 100.0)
-
-    return call
-
-
-stub.choice = chosen
+@jit
+def refused(x):
+    if x > 0.0:
+        raise ValueError("positive", x)
+    return x
 
 
 def left_alone():
@@ -91,7 +94,7 @@ KERNELS = '''"""A kernel for each way in which code refers to what stands elsewh
 
 import values
 from ssmr._jit import jit_alone
-from values import BY_NAME, IN_AN_ARRAY, One, Two, called, inlined, stub, written
+from values import BY_NAME, IN_AN_ARRAY, One, Two, called, chosen, inlined, written
 
 
 def made(number):
@@ -114,7 +117,7 @@ def inside():
 
 @jit_alone
 def by_law(kind):
-    return stub(kind)
+    return chosen(kind)
 
 
 by_name = jit_alone(lambda: BY_NAME)
@@ -130,11 +133,11 @@ from numba.core import event
 with event.install_recorder("numba:compile") as recorder:
     from kernels import *
     print(by_name(), by_module(), in_an_array(), by_law(One(0.0)), by_law(Two(0.0)),
-        by_inlined(), by_called(), by_written(), by_argument(), inside(), by_cell())
+        by_inlined(), by_called(), by_written(), by_argument(), inside(), by_cell(), inlined(0.0))
 kept = [each.data["dispatcher"] for _, each in recorder.buffer if each.is_start]
 print(sum(hasattr(each._cache, "_function") for each in kept))
 """
-NUMBERS = [10.0, 20.0, 30.0, 150.0, 160.0, 70.0, 80.0, 90.0, 120.0, 130.0, 140.0]
+NUMBERS = [10.0, 20.0, 30.0, 150.0, 160.0, 70.0, 80.0, 90.0, 120.0, 130.0, 140.0, 70.0]
 EVERY = len(NUMBERS) + 1
 """Kernels that a first start compiles, with the one that others call."""
 
@@ -189,13 +192,28 @@ def test_an_edit_compiles_what_uses_it_and_nothing_else(folder: Path) -> None:
     )
     assert said(start(folder)) == (NUMBERS, 0)
     edited(folder, *((f"{n}.0", f"{n + 1}.0") for n in (10, 30, 50, 70, 90, 120, 140)))
-    odd = [11.0, 20.0, 31.0, 151.0, 160.0, 71.0, 80.0, 91.0, 121.0, 130.0, 141.0]
-    assert said(start(folder)) == (odd, 7)
+    odd = [11.0, 20.0, 31.0, 151.0, 160.0, 71.0, 80.0, 91.0, 121.0, 130.0, 141.0, 71.0]
+    assert said(start(folder)) == (odd, 8)
     edited(folder, *((f"{n}.0", f"{n + 1}.0") for n in (20, 60, 80, 130)))
-    every = [11.0, 21.0, 31.0, 151.0, 161.0, 71.0, 81.0, 91.0, 121.0, 131.0, 141.0]
+    every = [11.0, 21.0, 31.0, 151.0, 161.0, 71.0, 81.0, 91.0, 121.0, 131.0, 141.0, 71.0]
     assert said(start(folder)) == (every, 5)
     edited(folder, ("100.0", "101.0"))
     assert said(start(folder)) == ([*every[:3], 152.0, 162.0, *every[5:]], 2)
+
+
+def test_what_an_inlined_function_raises_keeps_its_arguments(folder: Path) -> None:
+    """Also where its caller comes from disk, and where Python calls it."""
+    run = """
+from ssmr._jit import jit_alone
+from values import refused
+for function in (jit_alone(lambda x: refused(x)), refused):
+    try:
+        function(5.0)
+    except ValueError as error:
+        print(*error.args)
+"""
+    for _ in range(2):
+        assert start(folder, run).communicate(timeout=240)[0].split() == ["positive", "5.0"] * 2
 
 
 def test_two_first_starts_at_once_and_damaged_files_give_the_right_numbers(folder: Path) -> None:

@@ -138,33 +138,15 @@ def _choose_step(steps: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
     return choose
 
 
-_POSITION = _choose_step([law.position_step for law in _PLAIN.values() if law.position_step])
-_VELOCITY = _choose_step([law.velocity_step for law in _PLAIN.values()])
-
-
-@jit
-def position_step(
-    law: int,
-    row: FloatArray,
-    memory: Memory,
-    errors: Errors,
-    target: Target,
-    seen: Observation,
-    dt: float,
-) -> Memory:
-    """Return the memory of law number `law` with gains `row` after a step of its position loop."""
-    now = (memory, errors, target, seen, dt)
-    after: Memory = _POSITION(law, row, *now)
-    return after
-
-
-@jit
-def velocity_step(
-    law: int, row: FloatArray, memory: Memory, seen: Observation, dt: float
-) -> tuple[Memory, Command]:
-    """Return memory and command of law number `law` with gains `row` after a velocity step."""
-    after: tuple[Memory, Command] = _VELOCITY(law, row, memory, seen, dt)
-    return after
+position_step: Callable[..., Memory] = _choose_step(
+    [law.position_step for law in _PLAIN.values() if law.position_step]
+)
+"""Compiled `(law, row, memory, errors, target, seen, dt)`, see `Law.position_step`: the memory of
+law number `law` with the gains `row`."""
+velocity_step: Callable[..., tuple[Memory, Command]] = _choose_step(
+    [law.velocity_step for law in _PLAIN.values()]
+)
+"""Compiled `(law, row, memory, seen, dt)`, see `Law.velocity_step`."""
 
 
 def design_controller(

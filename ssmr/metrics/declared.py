@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from ssmr._jit import jit_alone
 from ssmr.geometry import wrap_angle
-from ssmr.metrics.paths import BENDING_FLOOR, LARGEST, LENGTH_FLOOR, PathMeasures, measure_paths
+from ssmr.metrics.paths import (
+    BENDING_FLOOR,
+    LARGEST,
+    LENGTH_FLOOR,
+    PathMeasures,
+    measure_paths,
+    path_segments,
+    squared_distance,
+)
 from ssmr.metrics.windows import TIME_TOLERANCE
 from ssmr.types import FloatArray, Trajectory
 
@@ -365,6 +373,7 @@ def cross_track_max(
     length up to the target of each of the (M, 2) places `xy`, never decreasing, before and behind
     which `reach` of it is searched [m].
     """
+    segments = path_segments(path)
     greatest = 0.0
     first = 0
     last = len(path) - 2
@@ -374,18 +383,8 @@ def cross_track_max(
         least = math.inf
         k = first
         while k <= last and (along[k] <= aims[i] + reach or k == first):
-            step_x = path[k + 1, 0] - path[k, 0]
-            step_y = path[k + 1, 1] - path[k, 1]
-            off_x = xy[i, 0] - path[k, 0]
-            off_y = xy[i, 1] - path[k, 1]
-            square = step_x * step_x + step_y * step_y
-            share = 0.0
-            if square > 0.0:
-                share = (off_x * step_x + off_y * step_y) / square
-                share = min(max(share, 0.0), 1.0)
-            away_x = off_x - share * step_x
-            away_y = off_y - share * step_y
-            least = min(least, away_x**2 + away_y**2)
+            square, _, _ = squared_distance(xy[i, 0], xy[i, 1], segments[k])
+            least = min(least, square)
             k += 1
         greatest = max(greatest, least)
     return math.sqrt(greatest)

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from numba.extending import overload
-
+from ssmr._jit import built_in
 from ssmr.parameters import numbers_of, require_one_of
 from ssmr.robot.drive import Motor, Sides
 from ssmr.robot.vehicle import Vehicle
@@ -117,26 +116,20 @@ def law_of(parameters: object) -> PlanarLaw:
     return law
 
 
+@built_in
 def advance(
-    v: float, w: float, wheels: Sides, integral: Sides, disturbance: float, robot: PlanarRobot
-) -> Advanced:
-    """Advance the velocities of any planar robot by its law; for compiled functions only."""
-    raise NotImplementedError("advance works in compiled functions only")
+    typing: Any, v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot: Any
+) -> Any:
+    """Advance the velocities of any planar robot by its law; for compiled functions only.
 
-
-@overload(advance, strict=False)
-def _choose_law(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot: Any) -> Any:
-    """Choose the law when a loop is compiled.
-
-    Every model gets a loop of its own, without a branch at run time.
+    The law is chosen when a loop is compiled: every model gets one of its own, without a branch at
+    run time.
     """
     numbers = robot.types[robot.fields.index("parameters")]
-    law = numbers.instance_class._advance
+    law = numbers.instance_class._advance._numba_type_
+    given = (v, w, wheels, integral, disturbance, robot)
 
-    def call(v: Any, w: Any, wheels: Any, integral: Any, disturbance: Any, robot: Any) -> Any:
-        return law(v, w, wheels, integral, disturbance, robot)
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return context.get_function(law, signature)(builder, arguments)
 
-    return call
-
-
-advance.choice = _choose_law  # type: ignore[attr-defined]  # part of the cache's digest
+    return typing.resolve_function_type(law, given, {}), build

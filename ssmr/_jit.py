@@ -142,7 +142,7 @@ class _LinkedCompiler(_Compiler):  # type: ignore[misc]
         typing, target, _, arguments, result, flags, variables = parts
         flags.no_compile = True
         library = _LinkedLibrary(target.codegen(), "linked")
-        super().__init__(typing, target, library, arguments, result, flags, variables)
+        super().__init__(typing, target, library, arguments, result, flags, locals=variables)
 
 
 class _Inlined(_Dispatcher):  # type: ignore[misc]

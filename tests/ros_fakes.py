@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ssmr.geometry import compose_poses
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node, _Subscription
 
@@ -56,8 +57,8 @@ class FakeNode(Node):
 
     def __init__(self, clock: FakeClock | None = None) -> None:
         self.clock = clock or FakeClock()
+        self.sleep = self.clock.sleep
         self.graph = Graph()
-        self._clock = self.clock
         self._subscriptions = {}
         self._logged_at = {}
         self.coming: list[tuple[float, str, Any]] = []
@@ -78,7 +79,15 @@ class FakeNode(Node):
         """One, once the robot is there."""
         return int(self.clock() >= 100.0 + self.robot_at)
 
-    def subscribe(self, topic: str, kind: str, read: Callable[[Any], Any], depth: int = 1) -> None:
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        read: Callable[[Any], Any],
+        depth: int = 1,
+        *,
+        latch: bool = False,
+    ) -> None:
         """As the real one does."""
         self._subscriptions[topic] = _Subscription(read, depth)
 
@@ -120,6 +129,8 @@ class RobotNode(FakeNode):
         self.dead_time = dead_time
         self.late = late
         self.tracking = ""
+        self.localiser: tuple[str, Any, float] | None = None
+        self.ways: list[list[float]] = []
         self.silent_from = np.inf
         self.blocked: Callable[[float], bool] = lambda t: False
         self.jumped: Callable[[float], float] = lambda t: 0.0
@@ -143,6 +154,12 @@ class RobotNode(FakeNode):
             (v, w), yaw = self.speeds.tolist(), self.pose[2]
             self.pose = self.pose + 0.02 * np.array([v * np.cos(yaw), v * np.sin(yaw), w])
             x, y, yaw = self.pose.tolist()
+            self.ways.append([x, y])
+            if self.localiser and self.tick % 20 == 0:
+                topic, odom, late = self.localiser
+                located = msg.pose_message(t + 1.0, "map", compose_poses(odom, self.pose))
+                located["pose"] = {"pose": located["pose"], "covariance": [0.0] * 36}
+                self.plan(topic, t + late, message(located))
             if self.tracking:
                 there = msg.pose_message(t + 1.0, "world", self.pose + np.array([5.0, 0.0, 0.0]))
                 self.plan(self.tracking, t + self.late, message(there))

@@ -35,7 +35,7 @@ from validation.experiment.loops import chosen_controller, make_controller
 from validation.plants.profile import Profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.__main__ import PROGRAM
-from validation.ros.control import STOP_TIME, Control, ControlNode
+from validation.ros.control import STOP_TIME, Control, ControlNode, _with_topics
 from validation.ros.follower import FRESH, PathFollower, StoppedError
 from validation.ros.watch import BRAKING, SURE
 
@@ -241,15 +241,15 @@ def test_a_tracking_system_judges_and_its_half_turns_are_no_jumps(lab: Profile) 
 # --- the node ---
 
 
+def options_of(**options: Any) -> Control:
+    """Options whose topics have their usual names."""
+    return _with_topics(Control("pid", "circle", **options), "husky")
+
+
 def node_of(lab: Profile, **options: Any) -> tuple[ControlNode, FakeNode, PathFollower]:
     node = FakeNode()
     follower = follower_of(lab, line(0.2, 1.2))
-    topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
-    return (
-        ControlNode(node, follower, Control("pid", "circle", **topics, **options), node.clock),
-        node,
-        follower,
-    )
+    return ControlNode(node, follower, options_of(**options)), node, follower
 
 
 def speak(node: FakeNode, until: float, begin: float = 0.0, x: float = 0.0) -> None:
@@ -365,9 +365,7 @@ def with_robot(
 ) -> tuple[ControlNode, RobotNode, PathFollower]:
     node = RobotNode(COMMAND, **robot)
     follower = PathFollower(law(lab, name), BEND)
-    topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
-    options = Control("pid", "circle", **topics, feedback=feedback)
-    return ControlNode(node, follower, options, node.clock), node, follower
+    return ControlNode(node, follower, options_of(feedback=feedback)), node, follower
 
 
 @pytest.mark.parametrize("text", [True, False])
@@ -436,10 +434,7 @@ def test_a_robot_that_did_not_move_is_asked_by_creeping_only_with_auto(
     """Over a tenth of a metre at most, whether it moves or not: who knows that it does not?"""
     _, node, _ = with_robot(lab)
     follower = PathFollower(law(lab), BEND, auto_restart=True)
-    topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
-    loop = ControlNode(
-        node, follower, Control("pid", "circle", **topics, restart="auto"), node.clock
-    )
+    loop = ControlNode(node, follower, options_of(restart="auto"))
     node.blocked = lambda t: t > 2.0 and not (moves and t > 6.0)
     with contextlib.nullcontext() if moves else pytest.raises(StoppedError, match="held for 10 s"):
         loop.run()
@@ -504,11 +499,6 @@ class Drive:
         self.path.write_text("x,y\n0,0\n1,0\n2,0\n", encoding="utf-8")  # 8 s
         module = sys.modules[ControlNode.__module__]
         monkeypatch.setattr(module, "Node", lambda name, graph: self.node)
-        monkeypatch.setattr(
-            module,
-            "ControlNode",
-            lambda node, follower, options: ControlNode(node, follower, options, node.clock),
-        )
 
     def interrupt_at(self, instant: float, *numbers: int) -> None:
         """Let signals come with the commands after some seconds."""

@@ -38,18 +38,16 @@ def plant(lab: Profile) -> MujocoPlant:
     return cast(MujocoPlant, make_plant(lab, "mujoco"))
 
 
-def simulation(
-    plant: MujocoPlant, overshoot: float = 0.0, **options: Any
-) -> tuple[SimulationNode, FakeNode]:
+def simulation(plant: MujocoPlant, overshoot: float = 0.0) -> tuple[SimulationNode, FakeNode]:
     node = FakeNode(FakeClock(overshoot))
     robot = SimulatedRobot(plant, noise=False)
-    return SimulationNode(node, robot, clock=node.clock, sleep=node.clock.sleep, **options), node
+    return SimulationNode(node, robot), node
 
 
 def speeds(node: FakeNode) -> tuple[np.ndarray, np.ndarray]:
     """Stamps [s] and speeds [m/s] by the tracking system."""
     t, xy = np.array(
-        [(stamp, (s.x, s.y)) for stamp, s in (msg.read_pose(m) for _, m in node.of(POSE))],
+        [(stamp, (s.x, s.y)) for stamp, s, _ in (msg.read_pose(m) for _, m in node.of(POSE))],
         dtype=object,
     ).T
     t = t.astype(float)

@@ -1,12 +1,13 @@
 """Waypoints from CSV files, and by the name of a reference trajectory.
 
-A file has a header that names x and y [m] and, where it brings its times, t [s]; other columns are
-ignored.
+A file has a header that names x and y [m] and, where it brings its times, t [s]. A column `frame`
+names the frame in which they are; other columns are ignored.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import resources
@@ -19,7 +20,7 @@ from ssmr.control.references import circle, eight, line, sine, spiral, square, s
 from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
 from validation.files.columns import Column
-from validation.files.reading import FileError, quoted
+from validation.files.reading import FileError, quoted, read_text
 from validation.files.tables import CsvTable, read_csv_table
 
 _HEADER = (
@@ -27,7 +28,7 @@ _HEADER = (
     "if it brings its times, t [s]; one that brings none needs a speed, such as 0.25 m/s"
 )
 _UNITS = {"x": "m", "y": "m", "t": "s"}
-_DEFAULT_SPEED = 0.25
+DEFAULT_SPEED = 0.25
 """Speed of references that have a name, where none is given [m/s]; the slower of the thesis'."""
 
 
@@ -88,6 +89,32 @@ def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str
         if names.count(name) > 1:
             what = "the header names this column twice; each needs a name of its own"
             raise FileError(table.path, what, table.header_line, name)
+
+
+def frame_of_waypoints(reference: str) -> str:
+    """Return the frame that the column `frame` of a file of waypoints names.
+
+    It is empty for a reference that has a name, and for a file without that column.
+
+    Raises:
+        FileError: the file cannot be read, or its waypoints are not all in one frame.
+    """
+    name, _ = split_speed(reference)
+    path = Path(name)
+    if name in REFERENCES or not path.suffix:
+        return ""
+    table = read_csv_table(path)
+    names = [name.lower() for name in table.header]
+    word = table.bad[names.index("frame")] if "frame" in names else None
+    if word is None:
+        return ""
+    frame = word[1].strip()
+    mentions = re.findall(rf"(?<![\w/]){re.escape(frame)}(?![\w/])", read_text(path))
+    if len(mentions) < len(table.lines):
+        raise FileError(
+            path, f"not all waypoints are in the frame {quoted([frame])}", None, "frame"
+        )
+    return frame
 
 
 def generic_path(speed: float) -> Waypoints:
@@ -162,7 +189,7 @@ def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, 
             "leave out one of them"
         )
     if name in REFERENCES:
-        return name, REFERENCES[name](_DEFAULT_SPEED if speed is None else speed)
+        return name, REFERENCES[name](DEFAULT_SPEED if speed is None else speed)
     path = Path(name)
     if not path.suffix and not path.exists():
         raise ValueError(

@@ -6,16 +6,19 @@ import logging
 import math
 import select
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import tyro
 
 from ssmr.control.law import Observation
 from ssmr.control.loop import VELOCITY_PERIOD
+from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
+from ssmr.geometry import compose_poses, invert_pose
 from validation import cli
 from validation.experiment.loops import (
     chosen_controller,
@@ -23,12 +26,14 @@ from validation.experiment.loops import (
     open_path,
 )
 from validation.experiment.tracked import Followed
+from validation.experiment.waypoint_files import DEFAULT_SPEED, frame_of_waypoints
 from validation.plants.profile import choose_profile
 from validation.report.report import INTERRUPTED
 from validation.report.tracking import Tracked
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
 from validation.ros.follower import FRESH, PathFollower, StoppedError
+from validation.ros.frames import FrameTree
 from validation.ros.watch import LATE
 
 _logger = logging.getLogger(__name__)
@@ -44,6 +49,17 @@ _FEEDBACK_KEPT = 16
 _POSES_KEPT = 32
 """Messages of odometry and of a tracking system that wait for the loop: as many as may come in a
 quarter of a second."""
+_TRANSFORMS_KEPT = 100
+"""Messages of transforms that wait for the loop: several nodes send them."""
+_ODOMETRY = "nav_msgs/msg/Odometry"
+_TOPICS = {
+    "odometry": msg.FILTERED_TOPIC,
+    "command": "/cmd_vel",
+    "stop": msg.STOP_TOPIC,
+    "wheels": msg.WHEELS_TOPIC,
+    "imu": msg.IMU_TOPIC,
+}
+"""Topics of a Clearpath robot, by the options that name others."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +71,17 @@ class Control(Graph):
     speed. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans
     ahead. FILE.py:NAME is a class of your own, which is run."""
     reference: tyro.conf.Positional[str]
-    """Reference: line, circle, sine, generic, or a file of waypoints (.csv: x, y[, t])."""
+    """Reference: line, circle, sine, generic, a file of waypoints (.csv: x, y[, t][, frame]), or
+    the topic of a nav_msgs/Path (/NAME), whose first path is driven."""
     speed: float | None = None
     """Greatest speed [m/s]. A file then is a path without times: its corners are rounded and
     driven as fast as the robot can. Named references have 0.25 m/s if it is not given."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+    frame: str = ""
+    """Frame of the reference, such as map or odom, where its places are and near whose beginning
+    the robot has to stand; that of the file or of the path if not given. A reference without one
+    begins at the robot's pose."""
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
     another --robot the numbers of its file."""
@@ -71,8 +92,9 @@ class Control(Graph):
     """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose; the robot's filter
     if not given."""
     pose: str = ""
-    """Topic of a tracking system's geometry_msgs/PoseStamped, by which the drive is judged if it is
-    there; /vrpn_mocap/ROBOT/pose if not given."""
+    """Topic of a tracking system's geometry_msgs/PoseStamped, or of a localiser's
+    PoseWithCovarianceStamped, by which the drive is judged if it is there; /vrpn_mocap/ROBOT/pose
+    if not given. In the frame of the reference it tells where the odometry's is."""
     command: str = ""
     """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens; cmd_vel if not
     given."""
@@ -110,37 +132,39 @@ class Control(Graph):
 class ControlNode:
     """The node's loop: states go to the follower as they come, commands out at their instants."""
 
-    def __init__(
-        self,
-        node: Node,
-        follower: PathFollower,
-        options: Control,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """Open the topics of the options; nothing is sent yet. `clock` is monotonic [s]."""
+    def __init__(self, node: Node, follower: PathFollower, options: Control) -> None:
+        """Open the topics of the options, which all have names; nothing is sent yet."""
         self._node = node
         self._follower = follower
-        self._options = options
-        self._clock = clock
-        self._speeds = msg.STAND_STILL
-        self._speeds_at = -math.inf
+        self._options = o = options
+        self._clock = node.clock
+        self._reckoned = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._reckoned_at = -math.inf
+        self._heard_at = -math.inf
         self._last_held = ""
         self._warned_late = False
+        self._tree = FrameTree()
+        self._frames: list[str] = []
         self.drove = 0.0
         """Time for which the robot was driven [s]."""
-        node.advertise(options.command, "geometry_msgs/msg/Twist")
-        node.subscribe(options.odometry, "nav_msgs/msg/Odometry", msg.read_odometry, _FEEDBACK_KEPT)
-        self._stop = options.stop or options.topic(msg.STOP_TOPIC)
-        node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
-        node.subscribe(options.pose, "geometry_msgs/msg/PoseStamped", msg.read_pose, _POSES_KEPT)
-        self._restart = options.topic(msg.RESTART_TOPIC)
+        node.advertise(o.command, "geometry_msgs/msg/Twist")
+        node.subscribe(o.odometry, _ODOMETRY, self._read_odometry, _FEEDBACK_KEPT)
+        node.subscribe(o.stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
+        node.subscribe(o.pose, "geometry_msgs/msg/PoseStamped", msg.read_pose, _POSES_KEPT)
+        self._restart = o.topic(msg.RESTART_TOPIC)
         node.subscribe(self._restart, "std_msgs/msg/Bool", lambda m: bool(m.data))
-        self._wheels = options.wheels or options.topic(msg.WHEELS_TOPIC)
-        if self._wheels != options.odometry:
-            odometry = "nav_msgs/msg/Odometry"
-            node.subscribe(self._wheels, odometry, msg.read_odometry, _FEEDBACK_KEPT)
-        self._imu = options.imu or options.topic(msg.IMU_TOPIC)
-        node.subscribe(self._imu, "sensor_msgs/msg/Imu", msg.read_gyro, _FEEDBACK_KEPT)
+        if o.wheels != o.odometry:
+            node.subscribe(o.wheels, _ODOMETRY, msg.read_odometry, _FEEDBACK_KEPT)
+        node.subscribe(o.imu, "sensor_msgs/msg/Imu", msg.read_gyro, _FEEDBACK_KEPT)
+        self._transforms = (o.topic("/tf"), o.topic("/tf_static"))
+        for topic in self._transforms if o.frame else ():
+            node.subscribe(
+                topic,
+                "tf2_msgs/msg/TFMessage",
+                msg.read_transforms,
+                _TRANSFORMS_KEPT,
+                latch=topic == self._transforms[1],
+            )
 
     def run(self) -> None:
         """Wait for the robot, drive it, and stop it, however the drive ends.
@@ -173,7 +197,7 @@ class ControlNode:
             while (left := now + VELOCITY_PERIOD - self._clock()) > 0.0:
                 for topic, value in self._node.receive(left):
                     if topic == self._options.pose:
-                        self._follower.track(*value)
+                        self._follower.track(*value[:2])
 
     def _wait(self) -> None:
         began = self._clock()
@@ -234,36 +258,70 @@ class ControlNode:
     def _take(self, messages: Sequence[tuple[str, Any]]) -> None:
         follower = self._follower
         for topic, value in messages:
-            if topic == self._stop:
+            if topic == self._options.stop:
                 follower.emergency_stop = value
             elif topic == self._restart:
                 if value:
                     follower.confirm()
-            elif topic == self._imu:
+            elif topic == self._options.imu:
                 follower.take_gyro(*value)
-            elif topic == self._wheels != self._options.odometry:
-                stamp, seen = value
+            elif topic in self._transforms:
+                self._tree.take(value)
+            elif topic == self._options.odometry:
+                self._take_odometry(*value)
+            elif topic == self._options.wheels:
+                stamp, seen, *_ = value
                 follower.take_wheels(stamp, (seen.v, seen.w))
             else:
-                self._take_motion(topic, *value)
+                self._take_pose(*value)
 
-    def _take_motion(self, topic: str, stamp: float, seen: Observation) -> None:
-        """Take odometry or a pose of a tracking system."""
+    def _read_odometry(self, message: Any) -> tuple[float, Observation]:
+        """Read odometry; a ValueError says that it is of other frames than that before."""
+        stamp, seen, *frames = msg.read_odometry(message)
+        self._frames = self._frames or frames
+        if frames != self._frames:
+            now, before = (" in ".join(reversed(names)) for names in (frames, self._frames))
+            raise ValueError(f"it is of {now}, and was of {before}")
+        return stamp, seen
+
+    def _take_odometry(self, stamp: float, seen: Observation) -> None:
+        self._reckoned = seen
+        self._reckoned_at = stamp
+        self._heard_at = self._clock()
+        if self._options.feedback == "odometry":
+            self._follow(stamp, seen, self._frames[0])
+
+    def _take_pose(self, stamp: float, seen: Observation, frame: str) -> None:
+        """Take a pose of a tracking system or of a localiser."""
         o = self._options
-        now = self._clock()
-        by_pose = o.feedback == "pose"
-        if topic == o.odometry:
-            self._speeds = (seen.v, seen.w)
-            self._speeds_at = now
-            if not by_pose:
-                self._follower.update(stamp, seen, now)
-            return
         if not self._follower.track(stamp, seen):
-            text = f"{topic}: stamp {stamp:.3f} s does not go on from those before"
+            text = f"{o.pose}: stamp {stamp:.3f} s does not go on from those before"
             self._node.say("tracked", text)
-        if by_pose and now - self._speeds_at <= FRESH:
-            v, w = self._speeds
-            self._follower.update(stamp, seen._replace(v=v, w=w), now)
+        reckoned = self._reckoned
+        if o.feedback == "pose":
+            if self._clock() - self._heard_at <= FRESH:
+                self._follow(stamp, seen._replace(v=reckoned.v, w=reckoned.w), frame)
+            return
+        passed = stamp - self._reckoned_at
+        if frame == o.frame and abs(passed) <= FRESH:
+            way = np.array([passed * reckoned.v, 0.0, passed * reckoned.w])
+            there = compose_poses(np.array(reckoned[:3]), way)
+            place = compose_poses(np.array(seen[:3]), invert_pose(there))
+            self._tree.take([(frame, self._frames[0], place)])
+
+    def _follow(self, stamp: float, seen: Observation, frame: str) -> None:
+        """Let the follower have a state, and know where its frame is."""
+        wanted = self._options.frame
+        if wanted:
+            place = self._tree.pose_in(wanted, frame)
+            if place is not None:
+                self._follower.place_feedback(place)
+            else:
+                names = ", ".join(sorted({*self._tree.names, frame}))
+                self._follower.unplaced = (
+                    f"nobody says where {frame} is in {wanted}; frames that are seen: {names}"
+                )
+        self._follower.update(stamp, seen, self._clock())
 
 
 def _enter_was_pressed() -> bool:
@@ -290,7 +348,8 @@ def _late_sentence(late: float) -> str:
 def control(options: Control) -> Tracked:
     """Drive a robot along a reference: the simulated one or a real one.
 
-    It starts when feedback comes steadily from a robot that stands.
+    It starts when feedback comes steadily from a robot that stands, near the beginning of its path
+    if that has a frame.
 
     The robot is stopped where it rests at the reference's end, on Ctrl-C, and on any error; when
     feedback is older than 0.5 s or five messages, or when its signals contradict each other: the
@@ -314,7 +373,12 @@ def control(options: Control) -> Tracked:
     o = _with_topics(options, robot)
     law, gains = chosen_controller(o.controller, profile, o.gains)
     robots = [make_robot(profile, "mujoco")]
-    reference, waypoints, remarks = open_path(o.reference, o.speed, robots)
+    frame, path = _open_framed_path(o)
+    if o.frame and frame not in ("", o.frame):
+        raise ValueError(f"{o.reference} is in the frame {frame}, and --frame is {o.frame}")
+    o = replace(o, frame=o.frame or frame)
+    speed = o.speed or (None if isinstance(path, str) else DEFAULT_SPEED)
+    reference, waypoints, remarks = open_path(path, speed, robots)
     for remark in [*remarks, *profile.unfitted(["mujoco"])]:
         _logger.info("%s", remark)
     law = law.on(robots[0].drive)
@@ -326,6 +390,7 @@ def control(options: Control) -> Tracked:
         lookahead=o.lookahead,
         patience=o.patience,
         auto_restart=o.restart == "auto",
+        framed=bool(o.frame),
     )
     node = Node(f"{msg.ros_name(robot)}_control", o)
     status = _ARRIVED
@@ -345,6 +410,7 @@ def control(options: Control) -> Tracked:
     waypoints = follower.waypoints
     conditions = {
         "feedback": f"{o.feedback} by ROS",
+        "frame": o.frame,
         "judged_by": o.pose if follower.tracked else o.odometry,
         "lookahead_m": o.lookahead,
         "v_max_m_s": follower.v_limit,
@@ -367,6 +433,29 @@ def control(options: Control) -> Tracked:
     )
 
 
+def _open_framed_path(o: Control) -> tuple[str, str | Waypoints]:
+    """Return the frame of a reference, or nothing, and the reference: its name, or what came.
+
+    Raises:
+        ValueError: a file of waypoints cannot be read, or is of several frames.
+        StoppedError: no path came.
+    """
+    path = Path(o.reference)
+    if not o.reference.startswith("/") or path.suffix or path.exists():
+        return frame_of_waypoints(o.reference), o.reference
+    node = Node("path", o)
+    try:
+        node.subscribe(o.reference, "nav_msgs/msg/Path", msg.read_path, latch=True)
+        until = node.clock() + o.patience
+        while node.clock() < until:
+            for _, (frame, places) in node.receive(0.1):
+                return frame, Waypoints.from_path(places, DEFAULT_SPEED)
+        why = node.refusals(o.reference) or "nothing came, and there is no such file"
+        raise StoppedError(f"no path on the topic {o.reference} for {o.patience:g} s: {why}")
+    finally:
+        node.close()
+
+
 def _with_topics(options: Control, robot: str) -> Control:
     """Return options whose topics are named, by default those of a Clearpath robot.
 
@@ -375,12 +464,10 @@ def _with_topics(options: Control, robot: str) -> Control:
     """
     if not options.patience > 0.0:
         raise ValueError(f"--patience {options.patience:g} s must be positive")
-    return replace(
-        options,
-        odometry=options.odometry or options.topic(msg.FILTERED_TOPIC),
-        pose=options.pose or msg.tracking_topic(robot),
-        command=options.command or options.topic("/cmd_vel"),
-    )
+    named: dict[str, Any] = {}
+    for name, topic in _TOPICS.items():
+        named[name] = getattr(options, name) or options.topic(topic)
+    return replace(options, pose=options.pose or msg.tracking_topic(robot), **named)
 
 
 def _drive_remarks(follower: PathFollower, status: str) -> list[str]:

@@ -41,11 +41,23 @@ _GLOBAL = ("/clock", "/vrpn_mocap/")
 system."""
 _KEPT = 10
 """Messages that a writer keeps for slow readers: ROS 2's default."""
-_SENSORS = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/Imu")
+_SENSORS = (
+    "nav_msgs/msg/Odometry",
+    "nav_msgs/msg/Path",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "sensor_msgs/msg/Imu",
+    "tf2_msgs/msg/TFMessage",
+)
 """Types that are listened to with best effort."""
-_ALSO_AS = {"geometry_msgs/msg/Twist": ("geometry_msgs/msg/TwistStamped",)}
-"""Types that come and go in two forms: robots of Humble take Twist, and those of Jazzy
-TwistStamped, under one name."""
+_SENT_AS = {"geometry_msgs/msg/Twist": ("geometry_msgs/msg/TwistStamped",)}
+"""Types that go in two forms: robots of Humble take Twist, and those of Jazzy TwistStamped, under
+one name."""
+_HEARD_AS = {
+    **_SENT_AS,
+    "geometry_msgs/msg/PoseStamped": ("geometry_msgs/msg/PoseWithCovarianceStamped",),
+}
+"""Types that come in two forms."""
 _LOG_PERIOD = 1.0
 """Least time between two lines of one kind in the log [s]."""
 _LONGEST = 300
@@ -207,7 +219,8 @@ class Node:
         domain = graph.domain_number()
         self._dds = dds = _load_dds()
         self.graph = graph
-        self._clock = time.monotonic
+        self.clock = time.monotonic
+        self.sleep = time.sleep
         self._subscriptions: dict[str, _Subscription] = {}
         self._logged_at: dict[str, float] = {}
         if graph.interface:
@@ -229,7 +242,7 @@ class Node:
 
     def say(self, kind: str, text: str, level: int = logging.WARNING) -> None:
         """Log a line, at most once a second for each kind; kinds never come from a message."""
-        now = self._clock()
+        now = self.clock()
         if now - self._logged_at.get(kind, -math.inf) >= _LOG_PERIOD:
             self._logged_at[kind] = now
             _logger.log(level, "%s", shorten_text(text, _LONGEST))
@@ -250,9 +263,9 @@ class Node:
             policy.WriterDataLifecycle(autodispose=False),
         )
 
-    def _topics(self, topic: str, kind: str) -> list[tuple[str, Any]]:
+    def _topics(self, topic: str, *forms: str) -> list[tuple[str, Any]]:
         new = partial(self._dds.topic.Topic, self._participant, f"rt{topic}")
-        return [(form, new(_idl_class(form))) for form in (kind, *_ALSO_AS.get(kind, ()))]
+        return [(form, new(_idl_class(form))) for form in forms]
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
         """Open a topic for sending, one of Twist for TwistStamped too.
@@ -260,7 +273,7 @@ class Node:
         With `latch`, late joiners get the last message.
         """
         self._writers[topic] = []
-        for form, place in self._topics(topic, kind):
+        for form, place in self._topics(topic, kind, *_SENT_AS.get(kind, ())):
             qos = self._qos(form, 1 if latch else _KEPT, reliable=True, latch=latch)
             writer = self._dds.pub.DataWriter(self._participant, place, qos=qos)
             self._writers[topic].append((writer, form))
@@ -282,17 +295,29 @@ class Node:
         """Return the number of subscribers of a topic that is open for sending."""
         return sum(len(writer.get_matched_subscriptions()) for writer, _ in self._writers[topic])
 
-    def subscribe(self, topic: str, kind: str, read: Callable[[Any], Any], depth: int = 1) -> None:
-        """Receive the last `depth` messages of a topic; on one of Twist, TwistStamped is heard too.
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        read: Callable[[Any], Any],
+        depth: int = 1,
+        *,
+        latch: bool = False,
+    ) -> None:
+        """Receive the last `depth` messages of a topic.
 
-        `read` returns what the node needs of a message, and raises a ValueError if that cannot be.
+        TwistStamped is heard as Twist is, and PoseWithCovarianceStamped as PoseStamped. `read`
+        returns what the node needs of a message, and raises a ValueError if that cannot be. With
+        `latch`, what was sent before and kept for late joiners comes too.
         """
         subscription = _Subscription(read, depth)
         core = self._dds.core
         self._subscriptions[topic] = subscription
         states = core.ViewState.Any | core.InstanceState.Any | core.SampleState.Any
-        for form, place in self._topics(topic, kind):
-            qos = self._qos(form, depth, reliable=form not in _SENSORS)
+        places = self._topics(topic, kind, *_HEARD_AS.get(kind, ()))
+        wishes = [(form, place, False) for form, place in places]
+        for form, place, kept in wishes + [(*p, True) for p in places * latch]:
+            qos = self._qos(form, depth, reliable=kept or form not in _SENSORS, latch=kept)
             reader = self._dds.sub.DataReader(self._participant, place, qos=qos)
             self._waitset.attach(core.ReadCondition(reader, states))
             subscription.readers.append(reader)
@@ -326,9 +351,9 @@ class Node:
             return []
         messages = []
         for topic, subscription in self._subscriptions.items():
-            for stamped, reader in enumerate(subscription.readers):
+            for reader in subscription.readers:
                 for message in self._samples(topic, reader, subscription.depth):
-                    messages.append((topic, message.twist if stamped else message))
+                    messages.append((topic, message))
         return messages
 
     def _samples(self, topic: str, reader: Any, depth: int) -> list[Any]:

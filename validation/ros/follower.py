@@ -28,6 +28,7 @@ from ssmr.control.loop import (
 )
 from ssmr.control.predictor import (
     LEARNT,
+    move_model,
     predict_ahead,
     remember_command,
     stop_model,
@@ -61,7 +62,8 @@ _SAME_CLOCK = 5.0
 """Greatest difference between the stamps of a tracking system and of the feedback, if they are of
 one clock [s]."""
 _ASTRAY = 0.5
-"""Greatest distance from the path, beyond the look-ahead [m]."""
+"""Greatest distance from the path, beyond the look-ahead [m], and greatest turn off the beginning
+of a path that has a frame [rad]."""
 _ANSWER = 0.5
 """Time after its dead time within which a robot that starts has its speed [s]."""
 _NEAR = 0.05
@@ -105,10 +107,13 @@ class PathFollower:
         lookahead: float = 0.0,
         patience: float = 30.0,
         auto_restart: bool = False,
+        framed: bool = False,
     ) -> None:
         """Design the law and compile the loops, so that nothing is slow once the robot moves.
 
-        The reference begins at the robot's pose. A controller that is a Python object is made
+        The reference begins at the robot's pose, unless it is `framed`: then it stays where it is,
+        `place_feedback` says where that is, and the robot has to stand near its beginning. A
+        controller that is a Python object is made
         twice: the first one computes one command and is thrown away.
 
         Args:
@@ -120,6 +125,7 @@ class PathFollower:
             patience: time for which a robot under an emergency stop is waited for [s].
             auto_restart: whether a held robot goes on without a confirmation; one that did not
                 move is asked by creeping, over 0.1 m at most.
+            framed: whether the reference has a frame of its own.
 
         Raises:
             ControllerError: the object cannot be made, or gives no command.
@@ -137,11 +143,16 @@ class PathFollower:
         self.phase = "waiting"
         """Phase of the drive: waiting, driving or arrived."""
         self.why_waiting = "no feedback yet"
+        self.unplaced = "nobody says where the feedback is" if framed else ""
+        """Why the feedback's frame has no place in the reference's, where it needs one."""
         self.held = ""
         """Why the robot is held; empty while it is not."""
         self.held_time = self.late = 0.0
         """Time for which the robot was held, and by which it answers later than its drive says,
         messages included [s]."""
+        self._framed = framed
+        self.frame_step = 0.0
+        """Greatest distance by which the reference's frame moved at once [m]."""
         self._stops = False
         self._confirmed = False
         self._auto = auto_restart
@@ -157,7 +168,7 @@ class PathFollower:
         self._arrival = self._stamp = -math.inf
         self._fresh = self._repeated = 0
         self._begin = self._t = self._place = self._advanced_at = 0.0
-        self._at = self._on_reference = INITIAL_STATE.seen
+        self._at = INITIAL_STATE.seen
         self._to_reference = np.zeros(3)
         self._yaw = 0.0
         self._times = list[float]()
@@ -256,16 +267,36 @@ class PathFollower:
         if self.held or not follows:
             return
         t = stamp - self._begin - self.held_time
-        self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped (Sec. 4.2)
-        pose = np.array([seen.x, seen.y, self._yaw])
-        x, y, yaw = map(float, compose_poses(self._to_reference, pose))
-        on_reference = Observation(x, y, yaw, seen.v, seen.w)
+        on_reference = self._on_reference(seen)
         self._rows.append(self._run_position_loop(on_reference, t, dt))
         self._times.append(t)
         self._t = t
         self._judge_motion(stamp, seen, dt)
         if not self.held:
             self._go_on(t, on_reference)
+
+    def _on_reference(self, seen: Observation) -> Observation:
+        """Return the robot on its reference, with a yaw that goes on from the last one."""
+        self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped (Sec. 4.2)
+        place = compose_poses(self._to_reference, np.array([seen.x, seen.y, self._yaw]))
+        x, y, yaw = map(float, place)
+        return seen._replace(x=x, y=y, yaw=yaw)
+
+    def place_feedback(self, pose: FloatArray) -> None:
+        """Take the (3,) pose of the feedback's frame in that of the reference [m, m, rad].
+
+        Where it moves, the robot did not: it goes on gently from where it now is.
+        """
+        self.unplaced = ""
+        before = self._on_reference(self._at)
+        turn = float(wrap_angle(pose[2] - self._to_reference[2]))
+        self._to_reference = np.array([*pose[:2], self._to_reference[2] + turn])
+        now = self._on_reference(self._at)
+        move_model(self._side.tracker.predictor_state, now)
+        if self.phase == "driving":
+            step = math.dist(now[:2], before[:2])
+            self.frame_step = max(self.frame_step, step)
+            self._gently = self._gently or step > _NEAR
 
     def take_wheels(self, stamp: float, twist: Twist) -> None:
         """Take speed [m/s] and yaw rate [rad/s] by the wheels alone, of time `stamp` [s]."""
@@ -289,6 +320,7 @@ class PathFollower:
         if off > _ASTRAY + self.lookahead:
             raise StoppedError(
                 f"the robot is {off:.2f} m from its path at t = {t:.2f} s (at most {_ASTRAY:g} m)"
+                + f"; the path's frame moved by {self.frame_step:.2f} m" * self._framed
             )
         aim = self._side.state.target
         away = math.hypot(seen.x - aim.x, seen.y - aim.y)
@@ -381,10 +413,8 @@ class PathFollower:
 
     def _restart(self, stamp: float, seen: Observation) -> None:
         """Go on from the place of the path that is nearest to the robot, which stands there."""
-        self._yaw += float(wrap_angle(seen.yaw - self._yaw))
-        place = compose_poses(self._to_reference, np.array([seen.x, seen.y, self._yaw]))
-        x, y, yaw = map(float, place)
-        t, _ = self._nearest_place(self._place, x, y)
+        at = self._on_reference(seen)._replace(v=0.0, w=0.0)
+        t, _ = self._nearest_place(self._place, at.x, at.y)
         while self._times and self._times[-1] >= t:
             self._times.pop()
             self._rows.pop()
@@ -392,7 +422,6 @@ class PathFollower:
         while self._poses and self._poses[-1][0] - self._begin >= t:
             self._poses.pop()
         tracker = self._side.tracker
-        at = Observation(x, y, yaw, 0.0, 0.0)
         stop_model(tracker.past, tracker.predictor_state, t, at)
         self._supervisor.restart()
         self._gently = True
@@ -409,6 +438,8 @@ class PathFollower:
             obstacle = "the emergency stop is on"
         elif abs(seen.v) > _MOVING or abs(seen.w) > _MOVING:
             obstacle = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)"
+        elif self._framed:
+            obstacle = self.unplaced or self._away_from_beginning(seen)
         if obstacle:
             self.why_waiting = obstacle
             self._fresh = 0
@@ -416,17 +447,37 @@ class PathFollower:
         self._fresh += 1
         if self._fresh < _SETTLED:
             return
-        start = self.waypoints.start
-        origin = np.array([start.x, start.y, start.yaw])
-        self._to_reference = compose_poses(
-            origin, invert_pose(np.array([seen.x, seen.y, seen.yaw]))
-        )
+        pose = np.array([seen.x, seen.y, seen.yaw])
+        if not self._framed:
+            start = self.waypoints.start
+            origin = np.array([start.x, start.y, start.yaw])
+            self._to_reference = compose_poses(origin, invert_pose(pose))
+        self._gently = self._framed
         self._yaw = seen.yaw
         self._begin = self._stamp
         self.phase = "driving"
         self._at = seen
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
-            self._pose_to_reference = compose_poses(origin, invert_pose(self._poses[0][1:]))
+            pose = compose_poses(self._to_reference, pose)
+            self._pose_to_reference = compose_poses(pose, invert_pose(self._poses[0][1:]))
+
+    def _away_from_beginning(self, seen: Observation) -> str:
+        """Return a sentence on a robot that does not stand at the beginning of a framed path.
+
+        The frame's yaw is then such that the robot's goes on from that of the beginning.
+        """
+        self._yaw = seen.yaw
+        at = self._on_reference(seen)
+        start = self.waypoints.start
+        turned = float(wrap_angle(at.yaw - start.yaw))
+        self._to_reference[2] += turned - (at.yaw - start.yaw)
+        off = math.hypot(at.x - start.x, at.y - start.y)
+        if off <= _ASTRAY and abs(turned) <= _ASTRAY:
+            return ""
+        return (
+            f"the robot stands {off:.2f} m and {turned:.2f} rad from the beginning of its path "
+            f"(at most {_ASTRAY:g} m and rad), which is at {start.x:.2f}, {start.y:.2f} m"
+        )
 
     def command(self, now: float, fault: str = "") -> Twist:
         """Run one step of the velocity loop; return v [m/s] and omega [rad/s] to send at `now` [s].

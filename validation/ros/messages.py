@@ -50,6 +50,8 @@ _MOST_COMPONENT = 1e3
 _FLAT_VARIANCE = 1e-6
 """Variance of z, roll and pitch of a robot on a plane [m2, rad2 and per s2]; small, but it keeps a
 covariance invertible."""
+_LONGEST_NAME = 200
+"""Most characters of a frame's name."""
 _PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
 _NANO = 1_000_000_000
 
@@ -58,6 +60,8 @@ Fields = dict[str, Any]
 Twist = tuple[float, float]
 """v [m/s] and omega [rad/s]."""
 STAND_STILL: Twist = (0.0, 0.0)
+Transform = tuple[str, str, FloatArray]
+"""Frames of parent and child, and the child's (3,) pose there [m, m, rad]."""
 
 
 def ros_name(robot: str) -> str:
@@ -204,18 +208,27 @@ def check_plausible(name: str, value: Any, most: float, least: float = -math.inf
 
 
 def read_twist(message: Any) -> Twist:
-    """Speed [m/s] and yaw rate [rad/s] of a geometry_msgs/Twist; a ValueError if not plausible."""
-    v = check_plausible("linear.x", message.linear.x, MOST_RATE)
-    w = check_plausible("angular.z", message.angular.z, MOST_RATE)
+    """Speed [m/s] and yaw rate [rad/s] of a geometry_msgs/Twist or TwistStamped.
+
+    Raises:
+        ValueError: they are not plausible.
+    """
+    twist = getattr(message, "twist", message)
+    v = check_plausible("linear.x", twist.linear.x, MOST_RATE)
+    w = check_plausible("angular.z", twist.angular.z, MOST_RATE)
     return v, w
 
 
-def read_odometry(message: Any) -> tuple[float, Observation]:
-    """Stamp [s], pose and speeds of a nav_msgs/Odometry; a ValueError if not plausible."""
-    stamp = _read_stamp(message)
+def read_odometry(message: Any) -> tuple[float, Observation, str, str]:
+    """Stamp [s], pose and speeds of a nav_msgs/Odometry, its frame and that of what moves.
+
+    Raises:
+        ValueError: they are not plausible.
+    """
     x, y, yaw = _read_pose(message.pose.pose)
-    v, w = read_twist(message.twist.twist)
-    return stamp, Observation(x, y, yaw, v, w)
+    seen = Observation(x, y, yaw, *read_twist(message.twist))
+    moves = _read_frame(message.child_frame_id)
+    return _read_stamp(message), seen, _read_frame(message.header.frame_id), moves
 
 
 def read_gyro(message: Any) -> tuple[float, float]:
@@ -224,11 +237,47 @@ def read_gyro(message: Any) -> tuple[float, float]:
     return _read_stamp(message), w
 
 
-def read_pose(message: Any) -> tuple[float, Observation]:
-    """Stamp [s] and pose of a geometry_msgs/PoseStamped, speeds NaN; ValueError if implausible."""
-    stamp = _read_stamp(message)
-    x, y, yaw = _read_pose(message.pose)
-    return stamp, Observation(x, y, yaw, math.nan, math.nan)
+def read_pose(message: Any) -> tuple[float, Observation, str]:
+    """Stamp [s], pose and frame of a geometry_msgs/PoseStamped or PoseWithCovarianceStamped.
+
+    The speeds are NaN.
+
+    Raises:
+        ValueError: they are not plausible.
+    """
+    x, y, yaw = _read_pose(getattr(message.pose, "pose", message.pose))
+    seen = Observation(x, y, yaw, math.nan, math.nan)
+    return _read_stamp(message), seen, _read_frame(message.header.frame_id)
+
+
+def read_path(message: Any) -> tuple[str, FloatArray]:
+    """Frame and (N, 2) places [m] of a nav_msgs/Path, of which neighbours differ.
+
+    Raises:
+        ValueError: they are not plausible, or fewer than two.
+    """
+    places = [_read_pose(stamped.pose)[:2] for stamped in message.poses]
+    places = [place for place, last in zip(places, [None, *places], strict=False) if place != last]
+    if len(places) < 2:
+        raise ValueError("a path has at least two places")
+    return _read_frame(message.header.frame_id), np.array(places)
+
+
+def read_transforms(message: Any) -> list[Transform]:
+    """Transforms of a tf2_msgs/TFMessage; a ValueError if one is not plausible."""
+    transforms = []
+    for each in message.transforms:
+        pose = np.array(_read_place(each.transform.translation, each.transform.rotation))
+        parent = _read_frame(each.header.frame_id)
+        transforms.append((parent, _read_frame(each.child_frame_id), pose))
+    return transforms
+
+
+def _read_frame(name: Any) -> str:
+    """Return a frame's name, without the stroke before it that ROS 1 had."""
+    if not (isinstance(name, str) and name.isprintable() and len(name) <= _LONGEST_NAME):
+        raise ValueError("a frame_id is no name")
+    return name.removeprefix("/")
 
 
 def _read_stamp(message: Any) -> float:
@@ -239,10 +288,15 @@ def _read_stamp(message: Any) -> float:
 
 
 def _read_pose(pose: Any) -> tuple[float, float, float]:
-    x = check_plausible("position.x", pose.position.x, _MOST_DISTANCE)
-    y = check_plausible("position.y", pose.position.y, _MOST_DISTANCE)
-    orientation = [(f"orientation.{axis}", getattr(pose.orientation, axis)) for axis in "wxyz"]
-    quat = np.array([check_plausible(name, value, _MOST_COMPONENT) for name, value in orientation])
+    return _read_place(pose.position, pose.orientation)
+
+
+def _read_place(position: Any, orientation: Any) -> tuple[float, float, float]:
+    """Return x, y [m] and yaw [rad] of a place and a quaternion."""
+    x = check_plausible("position.x", position.x, _MOST_DISTANCE)
+    y = check_plausible("position.y", position.y, _MOST_DISTANCE)
+    numbers = [(f"orientation.{axis}", getattr(orientation, axis)) for axis in "wxyz"]
+    quat = np.array([check_plausible(name, value, _MOST_COMPONENT) for name, value in numbers])
     length = float(np.linalg.norm(quat))
     if not length > _LEAST_LENGTH:
         raise ValueError(f"orientation has length {length:g}: it is no quaternion")

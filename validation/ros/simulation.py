@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import logging
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
@@ -69,18 +68,11 @@ def is_due(step: int, rate: float, dt: float) -> bool:
 class SimulationNode:
     """The node's loop: takes commands, advances the physics and sends sensor messages on time."""
 
-    def __init__(
-        self,
-        node: Node,
-        robot: SimulatedRobot,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], object] = time.sleep,
-    ) -> None:
-        """Open the robot's topics and describe it; `clock` is monotonic [s], `sleep` waits [s]."""
+    def __init__(self, node: Node, robot: SimulatedRobot) -> None:
+        """Open the robot's topics and describe it."""
         self._node = node
         self._robot = robot
-        self._clock = clock
-        self._sleep = sleep
+        self._clock = node.clock
         self._topics: dict[str, tuple[float, Callable[[float], msg.Fields]]] = {}
         """Rate of each topic [Hz] (Tab. 3.5, Sec. 4.2), and the message of a stamp [s]."""
         self._command = node.graph.topic("/cmd_vel")
@@ -171,7 +163,7 @@ class SimulationNode:
                 robot.sense()
             deadline = start + robot.time
             while (left := deadline - self._clock()) > 0.0:
-                self._sleep(left)
+                self._node.sleep(left)
             late = -left
             if late > _MOST_BEHIND:
                 start += late

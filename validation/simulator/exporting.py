@@ -21,26 +21,146 @@ from validation.simulator.description import WHEELS, Robot
 from validation.simulator.model import adjust_model, on_ground, pair_with_ground
 from validation.simulator.motors import set_motors
 
-_ENDLESS = 1e16
-"""Limit of a joint that turns without end, as SDFormat has it [rad]."""
 SETTLING = 1.5
 """Time in which the slips of an exported robot's motors settle, in its time steps [1]. The plant's
 settle in one, which is exact; these move a path by a hundredth of a millimetre, and the file will
 do for steps of up to two and a half of its own, where the plant's would diverge beyond two."""
-_LYING = (0.5 * math.pi, 0.0, 0.0)
-"""Roll, pitch and yaw of a cylinder whose axis is that of a wheel [rad]."""
-
-
-def _element_text(tag: str, *inside: str, **attributes: str) -> str:
-    """Return the text of an XML element."""
-    opened = tag
-    for name, value in attributes.items():
-        opened += f" {name}={quoteattr(value)}"
-    if not inside:
-        return f"<{opened}/>\n"
-    return f"<{opened}>{''.join(inside)}</{tag}>\n"
-
-
+_URDF = """\
+<robot name={name}>
+  <link name="base_link"/>
+  <link name="chassis_link">
+    <inertial>
+      <origin xyz="{robot.com[0]} {robot.com[1]} {robot.com[2]}"/>
+      <mass value="{robot.base_mass}"/>
+      <inertia ixx="{robot.inertia[0]}" iyy="{robot.inertia[1]}" izz="{robot.inertia[2]}"
+               ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+    <visual>
+      <origin xyz="{robot.body_centre[0]} {robot.body_centre[1]} {robot.body_centre[2]}"/>
+      <geometry>
+        <box size="{robot.body_size[0]} {robot.body_size[1]} {robot.body_size[2]}"/>
+      </geometry>
+    </visual>
+    <collision>
+      <origin xyz="{robot.body_centre[0]} {robot.body_centre[1]} {robot.body_centre[2]}"/>
+      <geometry>
+        <box size="{robot.body_size[0]} {robot.body_size[1]} {robot.body_size[2]}"/>
+      </geometry>
+    </collision>
+  </link>
+  <joint name="chassis_joint" type="fixed">
+    <parent link="base_link"/>
+    <child link="chassis_link"/>
+  </joint>
+  <link name="imu_link"/>
+  <joint name="imu_joint" type="fixed">
+    <parent link="base_link"/>
+    <child link="imu_link"/>
+    <origin xyz="{robot.imu[0]} {robot.imu[1]} {robot.imu[2]}"/>
+  </joint>
+{wheels}</robot>
+"""
+_URDF_WHEEL = """\
+  <link name="{wheel}_wheel_link">
+    <inertial>
+      <mass value="{robot.wheel_mass}"/>
+      <inertia ixx="{moments[0]}" iyy="{moments[1]}" izz="{moments[2]}" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+    <visual>
+      <origin rpy="1.5707963267948966 0 0"/>
+      <geometry><cylinder radius="{robot.wheel_radius}" length="{robot.wheel_width}"/></geometry>
+    </visual>
+    <collision>
+      <origin rpy="1.5707963267948966 0 0"/>
+      <geometry><cylinder radius="{robot.wheel_radius}" length="{robot.wheel_width}"/></geometry>
+    </collision>
+  </link>
+  <joint name={joint} type="continuous">
+    <parent link="base_link"/>
+    <child link="{wheel}_wheel_link"/>
+    <origin xyz="{place[0]} {place[1]} {place[2]}"/>
+    <axis xyz="0 1 0"/>
+  </joint>
+"""
+_SDF = """\
+<sdf version="1.7">
+  <model name={name}>
+    <pose>0 0 {robot.base_height} 0 0 0</pose>
+    <link name="base_link">
+      <inertial>
+        <pose>{robot.com[0]} {robot.com[1]} {robot.com[2]} 0 0 0</pose>
+        <mass>{robot.base_mass}</mass>
+        <inertia>
+          <ixx>{robot.inertia[0]}</ixx>
+          <iyy>{robot.inertia[1]}</iyy>
+          <izz>{robot.inertia[2]}</izz>
+        </inertia>
+      </inertial>
+      <visual name="base_link_visual">
+        <pose>{robot.body_centre[0]} {robot.body_centre[1]} {robot.body_centre[2]} 0 0 0</pose>
+        <geometry><box>
+          <size>{robot.body_size[0]} {robot.body_size[1]} {robot.body_size[2]}</size>
+        </box></geometry>
+      </visual>
+      <collision name="base_link_collision">
+        <pose>{robot.body_centre[0]} {robot.body_centre[1]} {robot.body_centre[2]} 0 0 0</pose>
+        <geometry><box>
+          <size>{robot.body_size[0]} {robot.body_size[1]} {robot.body_size[2]}</size>
+        </box></geometry>
+      </collision>
+    </link>
+    <frame name="imu_link" attached_to="base_link">
+      <pose>{robot.imu[0]} {robot.imu[1]} {robot.imu[2]} 0 0 0</pose>
+    </frame>
+{wheels}  </model>
+</sdf>
+"""
+_SDF_WHEEL = """\
+    <link name="{wheel}_wheel_link">
+      <pose relative_to="base_link">{place[0]} {place[1]} {place[2]} 0 0 0</pose>
+      <inertial>
+        <mass>{robot.wheel_mass}</mass>
+        <inertia>
+          <ixx>{moments[0]}</ixx>
+          <iyy>{moments[1]}</iyy>
+          <izz>{moments[2]}</izz>
+        </inertia>
+      </inertial>
+      <visual name="{wheel}_wheel_link_visual">
+        <pose>0 0 0 1.5707963267948966 0 0</pose>
+        <geometry>
+          <cylinder>
+            <radius>{robot.wheel_radius}</radius>
+            <length>{robot.wheel_width}</length>
+          </cylinder>
+        </geometry>
+      </visual>
+      <collision name="{wheel}_wheel_link_collision">
+        <pose>0 0 0 1.5707963267948966 0 0</pose>
+        <geometry>
+          <cylinder>
+            <radius>{robot.wheel_radius}</radius>
+            <length>{robot.wheel_width}</length>
+          </cylinder>
+        </geometry>
+        <surface>
+          <friction><ode><mu>{robot.friction}</mu><mu2>{robot.friction}</mu2></ode></friction>
+        </surface>
+      </collision>
+    </link>
+    <joint name={joint} type="revolute">
+      <parent>base_link</parent>
+      <child>{wheel}_wheel_link</child>
+      <axis>
+        <xyz>0 1 0</xyz>
+        <limit>
+          <lower>-1e16</lower>
+          <upper>1e16</upper>
+          {effort}
+        </limit>
+      </axis>
+    </joint>
+"""
 _MISSED = 5.0
 _COMMANDED_S = 0.05
 """Number of missing commands after which a robot is to stop [1], and the usual time between two
@@ -51,38 +171,58 @@ _DIFF_DRIVE = """\
 # numbers, and calibrate from it. Put your controller's name in place of diff_drive_controller.
 diff_drive_controller:
   ros__parameters:
+    left_wheel_names: {left_names}
+    right_wheel_names: {right_names}
+    wheel_separation: {wheel_separation}
+    wheel_separation_multiplier: {wheel_separation_multiplier}
+    wheel_radius: {wheel_radius}
+    left_wheel_radius_multiplier: {left_wheel_radius_multiplier}
+    right_wheel_radius_multiplier: {right_wheel_radius_multiplier}
+    linear.x.has_velocity_limits: true  # v_max of the driver
+    linear.x.max_velocity: {v_max}
+    linear.x.min_velocity: -{v_max}
+    linear.x.has_acceleration_limits: true  # acceleration_v of the driver
+    linear.x.max_acceleration: {acceleration_v}
+    linear.x.min_acceleration: -{acceleration_v}
+    angular.z.has_velocity_limits: true  # w_max of the driver
+    angular.z.max_velocity: {w_max}
+    angular.z.min_velocity: -{w_max}
+    angular.z.has_acceleration_limits: true  # acceleration_w of the driver
+    angular.z.max_acceleration: {acceleration_w}
+    angular.z.min_acceleration: -{acceleration_w}
+    cmd_vel_timeout: {cmd_vel_timeout}
 """
-"""Beginning of the parameters of ros2_control's controller."""
+"""Parameters of ros2_control's controller."""
 _NAV2 = """\
-# Limits and dead times of commands for nav2, by SOURCE.
+# Limits and dead times of commands for nav2, by {source}.
 # Load it behind your own parameters: the last value of a name counts. What is not known is left to
 # nav2. The robot turns as it is commanded where its driver has the numbers of `robots export --to
 # diff-drive`. MPPI knows ax_max, ax_min and az_max from Jazzy on, model_delay_* from Lyrical on.
 controller_server:
   ros__parameters:
     FollowPath:
-      vx_max: {v_max}  #
-      vx_min: -{v_max}  #
-      wz_max: {w_max}  #
-      ax_max: {acceleration_v}  #
-      ax_min: -{acceleration_v}  #
-      az_max: {acceleration_w}  #
-      model_delay_vx: {delay_v}  # with wheel_lag and half of command_ramp;
-      model_delay_wz: {delay_w}  # with wheel_lag and half of command_ramp;
+      vx_max: {v_max}
+      vx_min: -{v_max}
+      wz_max: {w_max}
+      ax_max: {acceleration_v}
+      ax_min: -{acceleration_v}
+      az_max: {acceleration_w}
+      model_delay_vx: {delay_v}
+      model_delay_wz: {delay_w}
 velocity_smoother:
   ros__parameters:
-    max_velocity: [{v_max}, 0.0, {w_max}]  #
-    min_velocity: [-{v_max}, 0.0, -{w_max}]  #
-    max_accel: [{acceleration_v}, 0.0, {acceleration_w}]  #
-    max_decel: [-{acceleration_v}, 0.0, -{acceleration_w}]  #
+    max_velocity: [{v_max}, 0.0, {w_max}]
+    min_velocity: [-{v_max}, 0.0, -{w_max}]
+    max_accel: [{acceleration_v}, 0.0, {acceleration_w}]
+    max_decel: [-{acceleration_v}, 0.0, -{acceleration_w}]
 local_costmap:
   local_costmap:
     ros__parameters:
-      footprint: "FOOTPRINT"
+      footprint: "{footprint}"
 global_costmap:
   global_costmap:
     ros__parameters:
-      footprint: "FOOTPRINT"
+      footprint: "{footprint}"
 """
 """Parameters of nav2, with the driver's numbers by their names."""
 
@@ -94,42 +234,7 @@ def urdf_text(robot: Robot) -> str:
     that read URDFs refuse inertia in the first link. Wheels have links like `front_left_wheel_link`
     and the robot's `wheel_joints`.
     """
-    e = _element_text
-
-    def link(
-        name: str, mass: float, com: Iterable[float], moments: Iterable[float], *shape: str
-    ) -> str:
-        ixx, iyy, izz = map(repr, moments)
-        inertia = e("inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
-        inertial = e(
-            "inertial", e("origin", xyz=_numbers_text(com)), e("mass", value=repr(mass)), inertia
-        )
-        return e("link", inertial, e("visual", *shape), e("collision", *shape), name=name)
-
-    def joint(name: str, kind: str, child: str, at: Iterable[float], *axis: str) -> str:
-        ends = e("parent", link="base_link"), e("child", link=child)
-        return e("joint", *ends, e("origin", xyz=_numbers_text(at)), *axis, name=name, type=kind)
-
-    origin = (0.0, 0.0, 0.0)
-    hull = (
-        e("origin", xyz=_numbers_text(robot.body_centre)),
-        e("geometry", e("box", size=_numbers_text(robot.body_size))),
-    )
-    drum = e("cylinder", radius=repr(robot.wheel_radius), length=repr(robot.wheel_width))
-    tyre = e("origin", xyz="0 0 0", rpy=_numbers_text(_LYING)), e("geometry", drum)
-    axis = e("axis", xyz="0 1 0")
-    parts = [
-        e("link", name="base_link"),
-        link("chassis_link", robot.base_mass, robot.com, robot.inertia, *hull),
-        joint("chassis_joint", "fixed", "chassis_link", origin),
-        e("link", name="imu_link"),
-        joint("imu_joint", "fixed", "imu_link", robot.imu),
-    ]
-    for wheel, own, place in zip(WHEELS, robot.wheel_joints, robot.wheel_places, strict=True):
-        name = f"{wheel}_wheel_link"
-        parts.append(link(name, robot.wheel_mass, origin, robot.wheel_moments, *tyre))
-        parts.append(joint(own, "continuous", name, place, axis))
-    return e("robot", *parts, name=robot.name)
+    return _description_text(_URDF, _URDF_WHEEL, robot)
 
 
 def sdf_text(robot: Robot) -> str:
@@ -139,62 +244,24 @@ def sdf_text(robot: Robot) -> str:
     effort is limited to half of that of a side's motors. SDF has no element for belts, rotors and
     speed loops: those are left out.
     """
-    mu = repr(robot.friction)
-    e = _element_text
+    most = 0.5 * robot.drive.torque_limit
+    effort = f"<effort>{most}</effort>" if math.isfinite(most) else ""
+    return _description_text(_SDF, _SDF_WHEEL, robot, effort)
 
-    def link(
-        name: str,
-        pose: str,
-        mass: float,
-        com: Iterable[float],
-        moments: Iterable[float],
-        shapes: str,
-    ) -> str:
-        inertia = ""
-        for key, moment in zip(("ixx", "iyy", "izz"), moments, strict=True):
-            inertia += e(key, repr(moment))
-        centre = e("pose", f"{_numbers_text(com)} 0 0 0")
-        inertial = e("inertial", centre, e("mass", repr(mass)), e("inertia", inertia))
-        return e("link", pose, inertial, shapes, name=name)
 
-    def seen_and_hit(name: str, shape: str, surface: str = "") -> str:
-        seen = e("visual", shape, name=f"{name}_visual")
-        return seen + e("collision", shape, surface, name=f"{name}_collision")
-
-    box = e("box", e("size", _numbers_text(robot.body_size)))
-    hull = e("pose", f"{_numbers_text(robot.body_centre)} 0 0 0") + e("geometry", box)
-    drum = e(
-        "cylinder", e("radius", repr(robot.wheel_radius)), e("length", repr(robot.wheel_width))
-    )
-    tyre = e("pose", f"0 0 0 {_numbers_text(_LYING)}") + e("geometry", drum)
-    grip = e("surface", e("friction", e("ode", e("mu", mu), e("mu2", mu))))
-    limits = e("lower", repr(-_ENDLESS)) + e("upper", repr(_ENDLESS))
-    if math.isfinite(robot.drive.torque_limit):
-        limits += e("effort", repr(0.5 * robot.drive.torque_limit))
-    axis = e("axis", e("xyz", "0 1 0"), e("limit", limits))
-    imu = e("pose", f"{_numbers_text(robot.imu)} 0 0 0")
-    parts = [
-        e("pose", f"0 0 {robot.base_height!r} 0 0 0"),
-        link(
-            "base_link",
-            "",
-            robot.base_mass,
-            robot.com,
-            robot.inertia,
-            seen_and_hit("base_link", hull),
-        ),
-        e("frame", imu, name="imu_link", attached_to="base_link"),
-    ]
-    for wheel, own, place in zip(WHEELS, robot.wheel_joints, robot.wheel_places, strict=True):
-        pose = e("pose", f"{_numbers_text(place)} 0 0 0", relative_to="base_link")
-        name = f"{wheel}_wheel_link"
-        shapes = seen_and_hit(name, tyre, grip)
-        parts.append(
-            link(name, pose, robot.wheel_mass, (0.0, 0.0, 0.0), robot.wheel_moments, shapes)
+def _description_text(whole: str, each: str, robot: Robot, effort: str = "") -> str:
+    """Return the templates of a description and of each wheel in it, with a robot's numbers."""
+    wheels = ""
+    for wheel, joint, place in zip(WHEELS, robot.wheel_joints, robot.wheel_places, strict=True):
+        wheels += each.format(
+            robot=robot,
+            wheel=wheel,
+            joint=quoteattr(joint),
+            place=place,
+            moments=robot.wheel_moments,
+            effort=effort,
         )
-        ends = e("parent", "base_link"), e("child", name)
-        parts.append(e("joint", *ends, axis, name=own, type="revolute"))
-    return e("sdf", e("model", *parts, name=robot.name), version="1.7")
+    return whole.format(robot=robot, name=quoteattr(robot.name), wheels=wheels)
 
 
 def mjcf_text(calibration: Calibration, drive: Drive) -> str:
@@ -262,33 +329,19 @@ def diff_drive_yaml(
     """
     drive = drive or robot.drive
     joints = robot.wheel_joints
-    values: dict[str, object] = {
-        "left_wheel_names": json.dumps(joints[0::2]),
-        "right_wheel_names": json.dumps(joints[1::2]),
+    numbers = asdict(drive) | {
         "wheel_separation": robot.track,
         "wheel_separation_multiplier": multiplier,
         "wheel_radius": robot.wheel_radius,
         "left_wheel_radius_multiplier": left,
         "right_wheel_radius_multiplier": right,
+        "cmd_vel_timeout": _MISSED * max(drive.hold, _COMMANDED_S),
     }
-    for axis, *limits in (
-        ("linear.x", drive.v_max, drive.acceleration_v),
-        ("angular.z", drive.w_max, drive.acceleration_w),
-    ):
-        for what, most in zip(("velocity", "acceleration"), limits, strict=True):
-            if math.isfinite(most):
-                values[f"{axis}.has_{what}_limits"] = "true"
-                values[f"{axis}.max_{what}"] = most
-                values[f"{axis}.min_{what}"] = -most
-    values["cmd_vel_timeout"] = _MISSED * max(drive.hold, _COMMANDED_S)
+    remarks = {name: f"standard error {error:.2g}" for name, error in errors.items()}
+    names = {"left_names": json.dumps(joints[0::2]), "right_names": json.dumps(joints[1::2])}
+    text = _fill_rows(_DIFF_DRIVE, numbers, remarks, **names)
     for name, diagonal in variances.items():
-        values[name] = f"[{', '.join(f'{variance:.3e}' for variance in diagonal)}]"
-    text = _DIFF_DRIVE
-    for name, value in values.items():
-        # 1.0, for ROS takes 1 for no float
-        words = _plain_number(value) if isinstance(value, float) else value
-        text += f"    {name}: {words}"
-        text += f"  # standard error {errors[name]:.2g}\n" if name in errors else "\n"
+        text += f"    {name}: [{', '.join(f'{variance:.3e}' for variance in diagonal)}]\n"
     return text
 
 
@@ -304,29 +357,36 @@ def nav2_yaml(robot: Robot, drive: Drive, errors: Mapping[str, float], source: s
         errors: standard errors of the driver's numbers that were fitted, by their names.
         source: what the numbers are of.
     """
-    origins = {}
+    remarks = {}
     for name, value in asdict(drive).items():
-        origins[name] = "of the profile"
+        origin = "of the profile"
         if value == getattr(robot.drive, name):
-            origins[name] = robot.source(f"drive.{name}")[0]
+            origin, _ = robot.source(f"drive.{name}")
         if name in errors:
-            origins[name] = f"standard error {errors[name]:.2g}"
-    late = 0.5 * drive.command_ramp + drive.wheel_lag
-    numbers = {name: _plain_number(value) for name, value in asdict(drive.later(late)).items()}
+            origin = f"standard error {errors[name]:.2g}"
+        remarks[name] = f"{name}: {origin}"
+    parts = f"with {remarks['wheel_lag']}; half of {remarks['command_ramp']}"
+    remarks |= {name: f"{remarks[name]}; {parts}" for name in ("delay_v", "delay_w")}
+    numbers = asdict(drive.later(0.5 * drive.command_ramp + drive.wheel_lag))
     (x, y, _), (ahead, left, _) = robot_outline(robot).round(4).tolist()
     corners = [[ahead, left], [ahead, y], [x, y], [x, left]]
+    return _fill_rows(_NAV2, numbers, remarks, source=source, footprint=str(corners))
+
+
+def _fill_rows(
+    template: str, numbers: Mapping[str, float], remarks: Mapping[str, str], **texts: str
+) -> str:
+    """Return the rows of a template in which no number is named that is infinite, so not known.
+
+    Behind a row stand the remarks on the numbers that it names.
+    """
+    rounded = {name: float(f"{value:.7g}") for name, value in numbers.items()}
     text = ""
-    for row in _NAV2.splitlines():
-        names = [name for name in numbers if name in row]
-        if math.isfinite(sum(numbers[name] for name in names)):
-            beside = "; ".join(f"{name}: {origins[name]}" for name in names)
-            text += f"{row.format(**numbers)} {beside}".rstrip() + "\n"
-    return text.replace("SOURCE", source).replace("FOOTPRINT", str(corners))
-
-
-def _plain_number(value: float) -> float:
-    """Return a number with the digits that a file of parameters has."""
-    return float(f"{value:.7g}")
+    for row in template.splitlines():
+        if math.isfinite(sum(rounded[name] for name in rounded if name in row)):
+            beside = "; ".join(remarks[name] for name in remarks if name in row)
+            text += row.format(**rounded, **texts) + ("  # " if beside else "") + beside + "\n"
+    return text
 
 
 def _numbers_text(numbers: Iterable[float]) -> str:

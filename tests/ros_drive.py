@@ -177,7 +177,7 @@ class _FaultyDrive:
             self.report()
         stops = f.stopped(self.since)
         self.gate.emergency_stop(stops)
-        follower.emergency_stop = stops and not f.unsaid
+        follower.take_stop(stops and not f.unsaid)
         try:
             while self.coming and self.coming[0][0] <= now:
                 heapq.heappop(self.coming)[2](f.rate * now)

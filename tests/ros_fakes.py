@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.geometry import compose_poses
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node, _Subscription
 
@@ -129,7 +128,6 @@ class RobotNode(FakeNode):
         self.dead_time = dead_time
         self.late = late
         self.tracking = ""
-        self.localiser: tuple[str, Any, float] | None = None
         self.ways: list[list[float]] = []
         self.silent_from = np.inf
         self.blocked: Callable[[float], bool] = lambda t: False
@@ -155,11 +153,6 @@ class RobotNode(FakeNode):
             self.pose = self.pose + 0.02 * np.array([v * np.cos(yaw), v * np.sin(yaw), w])
             x, y, yaw = self.pose.tolist()
             self.ways.append([x, y])
-            if self.localiser and self.tick % 20 == 0:
-                topic, odom, late = self.localiser
-                located = msg.pose_message(t + 1.0, "map", compose_poses(odom, self.pose))
-                located["pose"] = {"pose": located["pose"], "covariance": [0.0] * 36}
-                self.plan(topic, t + late, message(located))
             if self.tracking:
                 there = msg.pose_message(t + 1.0, "world", self.pose + np.array([5.0, 0.0, 0.0]))
                 self.plan(self.tracking, t + self.late, message(there))

@@ -407,8 +407,8 @@ def test_after_an_emergency_stop_and_a_confirmation_the_robot_goes_on_gently(
 def test_a_stop_between_two_messages_holds_the_robot_too(lab: Profile) -> None:
     follower = follower_of(lab)
     now = started(follower)
-    follower.emergency_stop = True
-    follower.emergency_stop = False
+    follower.take_stop(True)
+    follower.take_stop(False)
     follower.update(now + 0.02, REST, now + 0.02)
     assert follower.held
     assert follower.command(now + 0.02) == (0.0, 0.0)

@@ -31,7 +31,6 @@ from validation.ros.follower import PathFollower, StoppedError
 from validation.ros.frames import FrameTree
 
 COMMAND = "/cmd_vel"
-AMCL = "/amcl_pose"
 ODOM_IN_MAP = np.array([4.0, -3.0, 2.5])
 """Pose of the odometry's frame in the map [m, m, rad]; the robot stands at its origin."""
 BEND = Waypoints(
@@ -97,19 +96,18 @@ def test_one_frame_in_another_is_the_way_back_turned_round(
     tree = FrameTree()
     for child, (parent, pose) in enumerate(links):
         tree.take([(f"f{parent}", f"f{child}", np.array(pose))])
-    frames = sorted(tree.names)
+    frames = [f"f{k}" for k in range(9)]
     a, b, c = (data.draw(st.sampled_from(frames)) for _ in range(3))
-    there = tree.pose_in(a, b)
-    back = tree.pose_in(b, a)
-    assert (there is None) == (back is None)
-    onwards = tree.pose_in(b, c)
-    is_tree = all(parent > child for child, (parent, _) in enumerate(links))
-    if there is None or back is None or onwards is None or not is_tree:
+    try:
+        there = tree.pose_in(a, b)
+        onwards = tree.pose_in(b, c)
+    except ValueError:  # nothing connects them
         return
-    assert compose_poses(there, back) == pytest.approx(np.zeros(3), abs=1e6 * ROUNDOFF)
-    whole = tree.pose_in(a, c)
-    assert whole is not None
-    assert compose_poses(there, onwards) == pytest.approx(whole, abs=1e6 * ROUNDOFF)
+    back = tree.pose_in(b, a)
+    if all(parent > child for child, (parent, _) in enumerate(links)):
+        assert compose_poses(there, back) == pytest.approx(np.zeros(3), abs=1e6 * ROUNDOFF)
+        whole = compose_poses(there, onwards)
+        assert whole == pytest.approx(tree.pose_in(a, c), abs=1e6 * ROUNDOFF)
 
 
 def test_frames_without_end_take_no_memory_without_end() -> None:
@@ -117,7 +115,8 @@ def test_frames_without_end_take_no_memory_without_end() -> None:
     tree.take([("odom", "base_link", np.zeros(3))])
     for k in range(5000):
         tree.take([("odom", f"f{k}", np.zeros(3))])
-    assert len(tree.names) <= 1001
+    with pytest.raises(ValueError, match="nobody says where f4999 is in odom"):
+        tree.pose_in("odom", "f4999")
     tree.take([("odom", "base_link", np.ones(3))])
     assert tree.pose_in("odom", "base_link") == pytest.approx(np.ones(3))
 
@@ -234,26 +233,13 @@ def test_a_heading_that_the_frame_turns_past_half_a_turn_goes_on(lab: Profile) -
     assert np.abs(np.diff(yaw)).max() < 0.1
 
 
-@pytest.mark.parametrize("late", [0.0, 0.25])
-def test_a_localisers_pose_tells_where_the_odometry_is(lab: Profile, late: float) -> None:
-    """A PoseWithCovarianceStamped of amcl, seldom and late; there is no /tf."""
-    loop, node, follower = framed_drive(lab, bend_in_map(), pose=AMCL)
-    node.localiser = (AMCL, ODOM_IN_MAP, late)
-    loop.run()
-    assert follower.phase == "arrived"
-    driven = places_in_map(path_of(node), ODOM_IN_MAP)
-    assert np.hypot(*(driven[-1] - follower.waypoints.xy[-1])) < 0.04
-    # no more than what is driven while a pose is under way
-    assert follower.frame_step <= late * follower.v_limit + 0.01
-
-
 def test_odometry_of_another_frame_is_refused_and_said(lab: Profile) -> None:
     """Two nodes send it: the one that was there first is believed."""
     loop, node, _ = framed_drive(lab, BEND, frame="", patience=3.0)
     other = msg.odometry_message(1.0, np.ones(3), (0.0, 0.0), np.eye(3), np.eye(3))
     other["child_frame_id"] = "camera_link"
     node.plan(msg.FILTERED_TOPIC, 0.0, message(other))
-    why = "it is of base_link in odom, and was of camera_link in odom"
+    why = r"its frames are \[.odom., .base_link.\], and were \[.odom., .camera_link.\]"
     with pytest.raises(StoppedError, match=why):
         loop.run()
 
@@ -338,7 +324,7 @@ def test_a_path_that_never_comes_is_said(
     with pytest.raises(SystemExit) as ended:
         cli.run_command(PROGRAM, "ros", ("control", "mpc", "/plan", "--out", str(tmp_path / "o")))
     assert ended.value.code == 1
-    assert "no path on the topic /plan for 30 s: nothing came" in capsys.readouterr().err
+    assert "no path on /plan for 30 s: nothing came" in capsys.readouterr().err
     assert not node.sent
 
 

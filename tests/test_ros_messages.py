@@ -54,6 +54,11 @@ def test_an_orientation_is_normalised_and_a_pose_has_no_speeds() -> None:
     assert (stamp, seen.x, seen.y, seen.yaw) == pytest.approx((1.5, 1.0, 2.0, math.pi / 2))
     assert math.isnan(seen.v)
     assert math.isnan(seen.w)
+    localised = message(
+        {"header": vars(came.header), "pose": {"pose": 0, "covariance": [0.0] * 36}}
+    )
+    localised.pose.pose = came.pose
+    assert msg.read_pose(localised)[1][:3] == seen[:3]
 
 
 @pytest.mark.parametrize(

@@ -532,27 +532,22 @@ def export_robot(
     kinematic = numbers.section("kinematic")
     if to == "nav2":
         return exporting.nav2_yaml(chosen, kinematic.drive, *fitted_errors(numbers, "kinematic"))
-    if to == "diff-drive" and profile is not None:
+    if to == "diff-drive":
         p = kinematic.parameters
         multiplier = (p.y_l - p.y_r) / chosen.track
+        if profile is None:
+            spot = spot_turn(chosen)
+            if spot is None:
+                raise ValueError(
+                    f"robot {chosen.name} does not stand on its four wheels; `check` says why"
+                )
+            multiplier = spot.multiplier
+            errors = {"wheel_separation_multiplier": turning_doubt(chosen)}
         share = kinematic.vehicle.wheel_radius / chosen.wheel_radius
+        radii = (share * p.alpha_l, share * p.alpha_r)
+        variances = odometry_variances(numbers)
         return exporting.diff_drive_yaml(
-            chosen,
-            multiplier,
-            share * p.alpha_l,
-            share * p.alpha_r,
-            errors,
-            drive=kinematic.drive,
-            variances=odometry_variances(numbers),
-        )
-    if to == "diff-drive":
-        spot = spot_turn(chosen)
-        if spot is None:
-            raise ValueError(
-                f"robot {chosen.name} does not stand on its four wheels; `check` says why"
-            )
-        return exporting.diff_drive_yaml(
-            chosen, spot.multiplier, errors={"wheel_separation_multiplier": turning_doubt(chosen)}
+            chosen, kinematic.drive, multiplier, radii, errors, variances
         )
     if to == "sdf":
         return exporting.sdf_text(chosen)

@@ -104,17 +104,15 @@ def frame_of_waypoints(reference: str) -> str:
     if name in REFERENCES or not path.suffix:
         return ""
     table = read_csv_table(path)
-    names = [name.lower() for name in table.header]
-    word = table.bad[names.index("frame")] if "frame" in names else None
-    if word is None:
-        return ""
-    frame = word[1].strip()
-    mentions = re.findall(rf"(?<![\w/]){re.escape(frame)}(?![\w/])", read_text(path))
-    if len(mentions) < len(table.lines):
-        raise FileError(
-            path, f"not all waypoints are in the frame {quoted([frame])}", None, "frame"
-        )
-    return frame
+    for name, word in zip(table.header, table.bad, strict=True):
+        if name.lower() == "frame" and word is not None:
+            frame = word[1].strip()
+            mentions = re.findall(rf"(?<![\w/]){re.escape(frame)}(?![\w/])", read_text(path))
+            if len(mentions) < len(table.lines):
+                what = f"not all waypoints are in the frame {quoted([frame])}"
+                raise FileError(path, what, None, name)
+            return frame
+    return ""
 
 
 def generic_path(speed: float) -> Waypoints:

@@ -19,6 +19,10 @@ except ImportError as missing:
         "the rest of validation.learning does not"
     ) from missing
 
+_OPTIONS = "timestep integrator cone impratio iterations tolerance noslip_iterations".split()
+"""Settings of the solver that a robot brings. dm_control's own noslip_iterations would stop the
+motors' slips, which they take for sliding."""
+
 
 class RobotEntity(composer.Entity):
     """A robot without its free joint: `Arena.add_free_entity` gives it one."""
@@ -55,12 +59,11 @@ def ground(robot: Robot) -> composer.Arena:
     arena = composer.Arena(name="ground")
     robot_tree = _robot_tree(robot)
     root = arena.mjcf_model
-    for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
-        setattr(root.option, name, getattr(robot_tree.option, name))
-    # dm_control's own iterations would stop the motors' slips, which they take for sliding.
-    root.option.noslip_iterations = robot_tree.option.noslip_iterations
-    root.option.flag.multiccd = robot_tree.option.flag.multiccd
-    root.option.flag.eulerdamp = robot_tree.option.flag.eulerdamp
+    own = robot_tree.option
+    for name in _OPTIONS:
+        setattr(root.option, name, getattr(own, name))
+    for name in ("multiccd", "eulerdamp"):
+        setattr(root.option.flag, name, getattr(own.flag, name))
     root.compiler.angle = "radian"
     root.worldbody.add("geom", name="plane", type="plane", size=[0, 0, 0.05], condim=3)
     root.worldbody.add(

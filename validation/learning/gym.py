@@ -58,17 +58,17 @@ class TrackEnv(gymnasium.Env):
         """
         self.render_mode = render_mode
         self._renderer: mujoco.Renderer | None = None
-        self.batch = TrackBatch(TrackTask(**task), 1, 1)
-        self.observation_space, self.action_space = _spaces_of(self.batch)
+        self._one = TrackVectorEnv(1, 1, **task)
+        self.batch = self._one.batch
+        self.observation_space = self._one.single_observation_space
+        self.action_space = self._one.single_action_space
 
     def reset(
         self, *, seed: int | None = None, options: Document | None = None
     ) -> tuple[FloatRow, Document]:
         """Begin an episode; a seed decides it and all that follow. There are no options."""
         super().reset(seed=seed)
-        if seed is not None:
-            self.batch.seed(0, seed)
-        return _as_shares(self.batch, self.batch.reset())[0], {}
+        return self._one.reset(seed=[seed])[0][0], {}
 
     def step(self, action: Any) -> tuple[FloatRow, float, bool, bool, Document]:
         """Advance by 50 ms; the info has `away`, the distance from the target [m].
@@ -76,10 +76,9 @@ class TrackEnv(gymnasium.Env):
         Raises:
             ValueError: the action is not two finite numbers; nothing has moved.
         """
-        now = self.batch.step(np.asarray(action, dtype=np.float64)[None] * self.batch.source.top)
-        seen = _as_shares(self.batch, now.observations)[0]
-        reward = float(now.rewards[0])
-        return seen, reward, bool(now.lost[0]), bool(now.over[0]), {"away": float(now.away[0])}
+        *told, info = self._one.step([action])
+        seen, reward, lost, over = (each[0] for each in told)
+        return seen, float(reward), bool(lost), bool(over), {"away": float(info["away"][0])}
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a (240, 320, 3) picture of the robot if the mode is `rgb_array`, else None.
@@ -132,7 +131,9 @@ class TrackVectorEnv(VectorEnv):
         """
         self.num_envs = num_envs
         self.batch = TrackBatch(TrackTask(**task), num_envs, workers)
-        self.single_observation_space, self.single_action_space = _spaces_of(self.batch)
+        numbers = len(self.batch.source.bounds)
+        self.single_observation_space = spaces.Box(-1.0, 1.0, (numbers,), np.float32)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
@@ -148,7 +149,7 @@ class TrackVectorEnv(VectorEnv):
         for row, own in enumerate(first):
             if own is not None:
                 self.batch.seed(row, own)
-        return _as_shares(self.batch, self.batch.reset()), {}
+        return self._as_shares(self.batch.reset()), {}
 
     def step(self, actions: Any) -> tuple[FloatRow, FloatArray, Any, Any, Document]:
         """Advance every row by 50 ms; the info has `away`, the distances from the targets [m].
@@ -157,17 +158,11 @@ class TrackVectorEnv(VectorEnv):
             ValueError: the actions are not two finite numbers a row; nothing has moved.
         """
         now = self.batch.step(np.asarray(actions, dtype=np.float64) * self.batch.source.top)
-        seen = _as_shares(self.batch, now.observations)
+        seen = self._as_shares(now.observations)
         return seen, now.rewards, now.lost, now.over, {"away": now.away, "_away": ~now.began}
 
-
-def _spaces_of(batch: TrackBatch) -> tuple[spaces.Box, spaces.Box]:
-    seen = spaces.Box(-1.0, 1.0, (len(batch.source.bounds),), np.float32)
-    return seen, spaces.Box(-1.0, 1.0, (2,), np.float32)
-
-
-def _as_shares(batch: TrackBatch, observations: FloatArray) -> FloatRow:
-    return (observations / batch.source.bounds).astype(np.float32)
+    def _as_shares(self, observations: FloatArray) -> FloatRow:
+        return (observations / self.batch.source.bounds).astype(np.float32)
 
 
 def _picture_model(robot: Robot) -> mujoco.MjModel:

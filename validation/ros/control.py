@@ -7,18 +7,17 @@ import math
 import select
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import tyro
 
 from ssmr.control.law import Observation
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
-from ssmr.geometry import compose_poses, invert_pose
 from validation import cli
 from validation.experiment.loops import (
     chosen_controller,
@@ -94,7 +93,7 @@ class Control(Graph):
     pose: str = ""
     """Topic of a tracking system's geometry_msgs/PoseStamped, or of a localiser's
     PoseWithCovarianceStamped, by which the drive is judged if it is there; /vrpn_mocap/ROBOT/pose
-    if not given. In the frame of the reference it tells where the odometry's is."""
+    if not given."""
     command: str = ""
     """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens; cmd_vel if not
     given."""
@@ -138,9 +137,8 @@ class ControlNode:
         self._follower = follower
         self._options = o = options
         self._clock = node.clock
-        self._reckoned = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
-        self._reckoned_at = -math.inf
-        self._heard_at = -math.inf
+        self._speeds = msg.STAND_STILL
+        self._speeds_at = -math.inf
         self._last_held = ""
         self._warned_late = False
         self._tree = FrameTree()
@@ -151,19 +149,29 @@ class ControlNode:
         node.subscribe(o.odometry, _ODOMETRY, self._read_odometry, _FEEDBACK_KEPT)
         node.subscribe(o.stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
         node.subscribe(o.pose, "geometry_msgs/msg/PoseStamped", msg.read_pose, _POSES_KEPT)
+        # what follows is taken as it is read
         self._restart = o.topic(msg.RESTART_TOPIC)
-        node.subscribe(self._restart, "std_msgs/msg/Bool", lambda m: bool(m.data))
+        node.subscribe(self._restart, "std_msgs/msg/Bool", lambda m: follower.confirm(bool(m.data)))
         if o.wheels != o.odometry:
-            node.subscribe(o.wheels, _ODOMETRY, msg.read_odometry, _FEEDBACK_KEPT)
-        node.subscribe(o.imu, "sensor_msgs/msg/Imu", msg.read_gyro, _FEEDBACK_KEPT)
-        self._transforms = (o.topic("/tf"), o.topic("/tf_static"))
-        for topic in self._transforms if o.frame else ():
             node.subscribe(
-                topic,
+                o.wheels,
+                _ODOMETRY,
+                lambda m: follower.take_wheels(*msg.read_wheels(m)),
+                _FEEDBACK_KEPT,
+            )
+        node.subscribe(
+            o.imu,
+            "sensor_msgs/msg/Imu",
+            lambda m: follower.take_gyro(*msg.read_gyro(m)),
+            _FEEDBACK_KEPT,
+        )
+        for name in ("/tf", "/tf_static") if o.frame else ():
+            node.subscribe(
+                o.topic(name),
                 "tf2_msgs/msg/TFMessage",
-                msg.read_transforms,
+                lambda m: self._tree.take(msg.read_transforms(m)),
                 _TRANSFORMS_KEPT,
-                latch=topic == self._transforms[1],
+                latch=True,
             )
 
     def run(self) -> None:
@@ -256,40 +264,24 @@ class ControlNode:
             _logger.warning("%s", _late_sentence(follower.late))
 
     def _take(self, messages: Sequence[tuple[str, Any]]) -> None:
-        follower = self._follower
+        o = self._options
         for topic, value in messages:
-            if topic == self._options.stop:
-                follower.emergency_stop = value
-            elif topic == self._restart:
-                if value:
-                    follower.confirm()
-            elif topic == self._options.imu:
-                follower.take_gyro(*value)
-            elif topic in self._transforms:
-                self._tree.take(value)
-            elif topic == self._options.odometry:
-                self._take_odometry(*value)
-            elif topic == self._options.wheels:
-                stamp, seen, *_ = value
-                follower.take_wheels(stamp, (seen.v, seen.w))
-            else:
+            if topic == o.stop:
+                self._follower.take_stop(value)
+            elif topic == o.pose:
                 self._take_pose(*value)
+            elif topic == o.odometry and o.feedback == "odometry":
+                self._follow(*value)
 
-    def _read_odometry(self, message: Any) -> tuple[float, Observation]:
+    def _read_odometry(self, message: Any) -> tuple[float, Observation, str]:
         """Read odometry; a ValueError says that it is of other frames than that before."""
         stamp, seen, *frames = msg.read_odometry(message)
         self._frames = self._frames or frames
         if frames != self._frames:
-            now, before = (" in ".join(reversed(names)) for names in (frames, self._frames))
-            raise ValueError(f"it is of {now}, and was of {before}")
-        return stamp, seen
-
-    def _take_odometry(self, stamp: float, seen: Observation) -> None:
-        self._reckoned = seen
-        self._reckoned_at = stamp
-        self._heard_at = self._clock()
-        if self._options.feedback == "odometry":
-            self._follow(stamp, seen, self._frames[0])
+            raise ValueError(f"its frames are {frames}, and were {self._frames}")
+        self._speeds = (seen.v, seen.w)
+        self._speeds_at = self._clock()
+        return stamp, seen, frames[0]
 
     def _take_pose(self, stamp: float, seen: Observation, frame: str) -> None:
         """Take a pose of a tracking system or of a localiser."""
@@ -297,30 +289,17 @@ class ControlNode:
         if not self._follower.track(stamp, seen):
             text = f"{o.pose}: stamp {stamp:.3f} s does not go on from those before"
             self._node.say("tracked", text)
-        reckoned = self._reckoned
-        if o.feedback == "pose":
-            if self._clock() - self._heard_at <= FRESH:
-                self._follow(stamp, seen._replace(v=reckoned.v, w=reckoned.w), frame)
-            return
-        passed = stamp - self._reckoned_at
-        if frame == o.frame and abs(passed) <= FRESH:
-            way = np.array([passed * reckoned.v, 0.0, passed * reckoned.w])
-            there = compose_poses(np.array(reckoned[:3]), way)
-            place = compose_poses(np.array(seen[:3]), invert_pose(there))
-            self._tree.take([(frame, self._frames[0], place)])
+        if o.feedback == "pose" and self._clock() - self._speeds_at <= FRESH:
+            v, w = self._speeds
+            self._follow(stamp, seen._replace(v=v, w=w), frame)
 
     def _follow(self, stamp: float, seen: Observation, frame: str) -> None:
         """Let the follower have a state, and know where its frame is."""
-        wanted = self._options.frame
-        if wanted:
-            place = self._tree.pose_in(wanted, frame)
-            if place is not None:
-                self._follower.place_feedback(place)
-            else:
-                names = ", ".join(sorted({*self._tree.names, frame}))
-                self._follower.unplaced = (
-                    f"nobody says where {frame} is in {wanted}; frames that are seen: {names}"
-                )
+        if self._options.frame:
+            try:
+                self._follower.place_feedback(self._tree.pose_in(self._options.frame, frame))
+            except ValueError as error:
+                self._follower.unplaced = str(error)
         self._follower.update(stamp, seen, self._clock())
 
 
@@ -392,12 +371,12 @@ def control(options: Control) -> Tracked:
         auto_restart=o.restart == "auto",
         framed=bool(o.frame),
     )
-    node = Node(f"{msg.ros_name(robot)}_control", o)
     status = _ARRIVED
     why = ""
     try:
-        loop = ControlNode(node, follower, o)
-        loop.run()
+        with closing(Node(f"{msg.ros_name(robot)}_control", o)) as node:
+            loop = ControlNode(node, follower, o)
+            loop.run()
     except (KeyboardInterrupt, StoppedError) as error:
         if not follower.has_run:
             raise
@@ -405,8 +384,6 @@ def control(options: Control) -> Tracked:
         if isinstance(error, StoppedError):
             status = "stopped"
             why = str(error)
-    finally:
-        node.close()
     waypoints = follower.waypoints
     conditions = {
         "feedback": f"{o.feedback} by ROS",
@@ -443,17 +420,15 @@ def _open_framed_path(o: Control) -> tuple[str, str | Waypoints]:
     path = Path(o.reference)
     if not o.reference.startswith("/") or path.suffix or path.exists():
         return frame_of_waypoints(o.reference), o.reference
-    node = Node("path", o)
-    try:
+    with closing(Node("path", o)) as node:
         node.subscribe(o.reference, "nav_msgs/msg/Path", msg.read_path, latch=True)
         until = node.clock() + o.patience
-        while node.clock() < until:
-            for _, (frame, places) in node.receive(0.1):
-                return frame, Waypoints.from_path(places, DEFAULT_SPEED)
-        why = node.refusals(o.reference) or "nothing came, and there is no such file"
-        raise StoppedError(f"no path on the topic {o.reference} for {o.patience:g} s: {why}")
-    finally:
-        node.close()
+        while not (came := node.receive(0.1)):
+            if node.clock() >= until:
+                why = node.refusals(o.reference) or "nothing came, and there is no such file"
+                raise StoppedError(f"no path on {o.reference} for {o.patience:g} s: {why}")
+    frame, places = came[0][1]
+    return frame, Waypoints.from_path(places, DEFAULT_SPEED)
 
 
 def _with_topics(options: Control, robot: str) -> Control:

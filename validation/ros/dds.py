@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
+from itertools import product
 from types import SimpleNamespace
 from typing import Any, Literal
 
@@ -315,8 +316,7 @@ class Node:
         self._subscriptions[topic] = subscription
         states = core.ViewState.Any | core.InstanceState.Any | core.SampleState.Any
         places = self._topics(topic, kind, *_HEARD_AS.get(kind, ()))
-        wishes = [(form, place, False) for form, place in places]
-        for form, place, kept in wishes + [(*p, True) for p in places * latch]:
+        for (form, place), kept in product(places, (False, True)[: 1 + latch]):
             qos = self._qos(form, depth, reliable=kept or form not in _SENSORS, latch=kept)
             reader = self._dds.sub.DataReader(self._participant, place, qos=qos)
             self._waitset.attach(core.ReadCondition(reader, states))

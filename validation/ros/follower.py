@@ -47,7 +47,6 @@ from validation.ros.watch import (
     SenderClock,
     Supervisor,
     even_run,
-    limited_motion,
 )
 
 FRESH = 0.5
@@ -150,6 +149,8 @@ class PathFollower:
         self.held_time = self.late = 0.0
         """Time for which the robot was held, and by which it answers later than its drive says,
         messages included [s]."""
+        start = waypoints.start
+        self._origin = np.array([start.x, start.y, start.yaw])
         self._framed = framed
         self.frame_step = 0.0
         """Greatest distance by which the reference's frame moved at once [m]."""
@@ -159,23 +160,24 @@ class PathFollower:
         self._hold_at = 0.0
         self._probed = 0.0
         self._patience = patience
-        turn = max(float(np.abs(course["w"]).max()), fastest / _GENTLE_BEND)
-        self._gentle = (GENTLE * fastest, GENTLE * turn)
         self._gently = False
         self._gently_until = 0.0
-        self._sent = Command(*STAND_STILL)
         self._clock = SenderClock()
         self._arrival = self._stamp = -math.inf
         self._fresh = self._repeated = 0
         self._begin = self._t = self._place = self._advanced_at = 0.0
         self._at = INITIAL_STATE.seen
         self._to_reference = np.zeros(3)
-        self._yaw = 0.0
+        self._yaw = start.yaw
         self._times = list[float]()
         self._rows = list[FloatArray]()
         self._poses = list[tuple[float, float, float, float]]()
         self._pose_to_reference: FloatArray | None = None
         self._start_law()
+        turn = max(float(np.abs(course["w"]).max()), fastest / _GENTLE_BEND)
+        model = self._model
+        gains = (model.rate_v / model.push_v, model.rate_w / model.push_w)
+        self._gentle = GENTLE * np.multiply((fastest, turn), gains)
         self._run_position_loop(INITIAL_STATE.seen, 0.0, 0.02)
         self._run_velocity_loop(0.0)
         self._start_law()
@@ -276,27 +278,23 @@ class PathFollower:
             self._go_on(t, on_reference)
 
     def _on_reference(self, seen: Observation) -> Observation:
-        """Return the robot on its reference, with a yaw that goes on from the last one."""
-        self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped (Sec. 4.2)
-        place = compose_poses(self._to_reference, np.array([seen.x, seen.y, self._yaw]))
-        x, y, yaw = map(float, place)
-        return seen._replace(x=x, y=y, yaw=yaw)
+        """Return the robot on its reference, with a yaw that goes on from the last (Sec. 4.2)."""
+        x, y, yaw = compose_poses(self._to_reference, np.array(seen[:3])).tolist()
+        self._yaw += float(wrap_angle(yaw - self._yaw))
+        return Observation(x, y, self._yaw, seen.v, seen.w)
 
     def place_feedback(self, pose: FloatArray) -> None:
         """Take the (3,) pose of the feedback's frame in that of the reference [m, m, rad].
 
-        Where it moves, the robot did not: it goes on gently from where it now is.
+        Where it moves, the robot did not.
         """
         self.unplaced = ""
         before = self._on_reference(self._at)
-        turn = float(wrap_angle(pose[2] - self._to_reference[2]))
-        self._to_reference = np.array([*pose[:2], self._to_reference[2] + turn])
+        self._to_reference = pose
         now = self._on_reference(self._at)
         move_model(self._side.tracker.predictor_state, now)
         if self.phase == "driving":
-            step = math.dist(now[:2], before[:2])
-            self.frame_step = max(self.frame_step, step)
-            self._gently = self._gently or step > _NEAR
+            self.frame_step = max(self.frame_step, math.dist(now[:2], before[:2]))
 
     def take_wheels(self, stamp: float, twist: Twist) -> None:
         """Take speed [m/s] and yaw rate [rad/s] by the wheels alone, of time `stamp` [s]."""
@@ -358,29 +356,23 @@ class PathFollower:
         if not cause:
             return
         stands = self._speed_of(seen.v, seen.w) < _MOVING
-        if stands and self._speed_of(*self._sent) >= _MOVING:
+        if stands and self._speed_of(*self._side.state.command) >= _MOVING:
             self._hold(NO_MOTION)
             return
         raise StoppedError(cause)
 
-    @property
-    def emergency_stop(self) -> bool:
-        """Whether the robot's emergency stop is on."""
-        return self._stops
-
-    @emergency_stop.setter
-    def emergency_stop(self, stops: bool) -> None:
-        """Hold the robot, however short the stop is, until somebody confirms that it may go on."""
+    def take_stop(self, stops: bool) -> None:
+        """Hold the robot where the emergency stop is on, however short, until somebody confirms."""
         if stops:
             self._hold(STOP_ON)
+            self._confirmed = False
         elif self.held == STOP_ON:
             self.held = STOP_OFF
         self._stops = stops
-        self._confirmed = False if stops else self._confirmed
 
-    def confirm(self) -> None:
+    def confirm(self, said: bool = True) -> None:
         """Let a held robot go on, once it stands and its emergency stop is off."""
-        self._confirmed = bool(self.held) and not self._stops
+        self._confirmed |= said and bool(self.held) and not self._stops
 
     def _hold(self, why: str) -> None:
         """Command a robot that is driven to stand, from now on."""
@@ -434,7 +426,7 @@ class PathFollower:
         obstacle = ""
         if not 0.0 < dt < FRESH:
             obstacle = "the feedback does not come steadily"
-        elif self.emergency_stop:
+        elif self._stops:
             obstacle = "the emergency stop is on"
         elif abs(seen.v) > _MOVING or abs(seen.w) > _MOVING:
             obstacle = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)"
@@ -447,13 +439,11 @@ class PathFollower:
         self._fresh += 1
         if self._fresh < _SETTLED:
             return
-        pose = np.array([seen.x, seen.y, seen.yaw])
+        pose = np.array(seen[:3])
         if not self._framed:
-            start = self.waypoints.start
-            origin = np.array([start.x, start.y, start.yaw])
-            self._to_reference = compose_poses(origin, invert_pose(pose))
+            self._to_reference = compose_poses(self._origin, invert_pose(pose))
         self._gently = self._framed
-        self._yaw = seen.yaw
+        self._yaw = float(self._origin[2])
         self._begin = self._stamp
         self.phase = "driving"
         self._at = seen
@@ -462,21 +452,16 @@ class PathFollower:
             self._pose_to_reference = compose_poses(pose, invert_pose(self._poses[0][1:]))
 
     def _away_from_beginning(self, seen: Observation) -> str:
-        """Return a sentence on a robot that does not stand at the beginning of a framed path.
-
-        The frame's yaw is then such that the robot's goes on from that of the beginning.
-        """
-        self._yaw = seen.yaw
+        """Return a sentence on a robot that does not stand at the beginning of a framed path."""
+        x, y, self._yaw = self._origin.tolist()
         at = self._on_reference(seen)
-        start = self.waypoints.start
-        turned = float(wrap_angle(at.yaw - start.yaw))
-        self._to_reference[2] += turned - (at.yaw - start.yaw)
-        off = math.hypot(at.x - start.x, at.y - start.y)
+        off = math.dist(at[:2], (x, y))
+        turned = at.yaw - self._origin[2]
         if off <= _ASTRAY and abs(turned) <= _ASTRAY:
             return ""
         return (
             f"the robot stands {off:.2f} m and {turned:.2f} rad from the beginning of its path "
-            f"(at most {_ASTRAY:g} m and rad), which is at {start.x:.2f}, {start.y:.2f} m"
+            f"(at most {_ASTRAY:g} m and rad)"
         )
 
     def command(self, now: float, fault: str = "") -> Twist:
@@ -501,11 +486,11 @@ class PathFollower:
         v, w = self._unlimited_twist(self._stamp - self._begin - self.held_time + age)
         if not (math.isfinite(v) and math.isfinite(w)):
             raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
-        if self._gently:
-            v, w = limited_motion((v, w), self._gentle, self._model)
+        if self._gently:  # both become less by one share, so that the bend stays
+            most = self._gentle / np.maximum(np.abs((v, w)), 1e-9)
+            v, w = min(1.0, *most) * np.array([v, w])
         limits = np.array([self.v_limit, self.w_limit])
         sent = Command(*np.clip((v, w), -limits, limits).tolist())
-        self._sent = sent
         self._side.state = self._side.state._replace(command=sent)
         self._side.tracker.past[-1] = sent
         return sent

@@ -25,27 +25,26 @@ class FrameTree:
             if child in self._parents or len(self._parents) < _MOST_FRAMES:
                 self._parents[child] = (parent, pose)
 
-    def pose_in(self, target: str, frame: str) -> FloatArray | None:
-        """Return the (3,) pose of a frame in another [m, m, rad]; None where nothing tells it."""
+    def pose_in(self, target: str, frame: str) -> FloatArray:
+        """Return the (3,) pose of a frame in another [m, m, rad].
+
+        Raises:
+            ValueError: nothing connects them; the message names the frames that are seen.
+        """
         ours = self._poses_above(frame)
         for shared, pose in self._poses_above(target).items():
             if shared in ours:
                 return relative_pose(pose, ours[shared])
-        return None
+        seen = sorted({frame, *self._parents, *dict(self._parents.values())})
+        raise ValueError(
+            f"nobody says where {frame} is in {target}; frames that are seen: {', '.join(seen)}"
+        )
 
     def _poses_above(self, frame: str) -> dict[str, FloatArray]:
         """Return the poses of a frame in itself, in its parent, and so on."""
         poses = {frame: np.zeros(3)}
-        pose = poses[frame]
-        while frame in self._parents:
-            frame, step = self._parents[frame]
-            if frame in poses:
-                break  # they go in a circle
-            pose = compose_poses(step, pose)
-            poses[frame] = pose
+        # until there is no parent, or they go in a circle
+        while (link := self._parents.get(frame)) and link[0] not in poses:
+            poses[link[0]] = compose_poses(link[1], poses[frame])
+            frame = link[0]
         return poses
-
-    @property
-    def names(self) -> set[str]:
-        """The frames that are seen."""
-        return {*self._parents, *(parent for parent, _ in self._parents.values())}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -225,10 +226,15 @@ def read_odometry(message: Any) -> tuple[float, Observation, str, str]:
     Raises:
         ValueError: they are not plausible.
     """
-    x, y, yaw = _read_pose(message.pose.pose)
-    seen = Observation(x, y, yaw, *read_twist(message.twist))
+    stamp, twist = read_wheels(message)
+    seen = Observation(*_read_pose(message.pose.pose), *twist)
     moves = _read_frame(message.child_frame_id)
-    return _read_stamp(message), seen, _read_frame(message.header.frame_id), moves
+    return stamp, seen, _read_frame(message.header.frame_id), moves
+
+
+def read_wheels(message: Any) -> tuple[float, Twist]:
+    """Stamp [s] and speeds of a nav_msgs/Odometry; a ValueError if they are not plausible."""
+    return _read_stamp(message), read_twist(message.twist)
 
 
 def read_gyro(message: Any) -> tuple[float, float]:
@@ -245,8 +251,8 @@ def read_pose(message: Any) -> tuple[float, Observation, str]:
     Raises:
         ValueError: they are not plausible.
     """
-    x, y, yaw = _read_pose(getattr(message.pose, "pose", message.pose))
-    seen = Observation(x, y, yaw, math.nan, math.nan)
+    pose = _read_pose(getattr(message.pose, "pose", message.pose))
+    seen = Observation(*pose, math.nan, math.nan)
     return _read_stamp(message), seen, _read_frame(message.header.frame_id)
 
 
@@ -256,8 +262,8 @@ def read_path(message: Any) -> tuple[str, FloatArray]:
     Raises:
         ValueError: they are not plausible, or fewer than two.
     """
-    places = [_read_pose(stamped.pose)[:2] for stamped in message.poses]
-    places = [place for place, last in zip(places, [None, *places], strict=False) if place != last]
+    poses = (_read_pose(stamped.pose)[:2] for stamped in message.poses)
+    places = [place for place, _ in groupby(poses)]
     if len(places) < 2:
         raise ValueError("a path has at least two places")
     return _read_frame(message.header.frame_id), np.array(places)

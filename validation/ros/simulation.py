@@ -6,6 +6,7 @@ import itertools
 import logging
 import math
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from typing import cast
 
@@ -61,8 +62,7 @@ def is_due(step: int, rate: float, dt: float) -> bool:
 
     So a rate whose period is no whole number of steps is kept on average, to the step.
     """
-    before, after = (math.floor(k * dt * rate + 1e-9) for k in (step - 1, step))
-    return after > before
+    return math.floor(step * dt * rate + 1e-9) > math.floor((step - 1) * dt * rate + 1e-9)
 
 
 class SimulationNode:
@@ -203,8 +203,7 @@ def sim(options: Sim) -> None:
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     plant = cast(MujocoPlant, make_plant(profile, "mujoco"))
     robot = SimulatedRobot(plant, State(*start), noise=not o.no_noise, seed=o.seed)
-    node = Node(f"{msg.ros_name(profile.robot.name)}_simulation", o)
-    try:
+    with closing(Node(f"{msg.ros_name(profile.robot.name)}_simulation", o)) as node:
         simulation = SimulationNode(node, robot)
         _logger.info(
             "the robot %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends",
@@ -212,5 +211,3 @@ def sim(options: Sim) -> None:
             *start,
         )
         simulation.run(o.duration)
-    finally:
-        node.close()

@@ -1,4 +1,4 @@
-"""What a follower notices from message to message, and how it limits and keeps a drive.
+"""What a follower notices from message to message, and how it keeps a drive.
 
 Three pairs of signals must agree: the pose with what the last pose and the speeds predict, the
 speeds and the wheels with what the commands predict, and the gyro with the wheels. Each pair is
@@ -200,11 +200,10 @@ class Supervisor:
         w = 0.5 * (before.w + seen.w)
         turn = float(wrap_angle(seen.yaw - before.yaw))
         yaw = before.yaw + 0.5 * dt * w
-        x = seen.x - before.x - dt * v * math.cos(yaw)
-        y = seen.y - before.y - dt * v * math.sin(yaw)
+        way = dt * v * np.array([math.cos(yaw), math.sin(yaw)])
         # speeds between messages are not known, and wheels slip aside
         unknown = 2.0 * abs(seen.v - before.v) + 4.0 * _SLIP * abs(w)
-        self._place.add(np.array([x, y]), dt * (abs(v) + unknown), dt)
+        self._place.add(np.subtract(seen[:2], before[:2]) - way, dt * (abs(v) + unknown), dt)
         turned = dt * (abs(w) + 2.0 * abs(seen.w - before.w))
         self._heading.add(np.array([turn - dt * w]), turned, dt)
         follows = max(self._place.share(), self._heading.share()) <= 1.0
@@ -290,18 +289,6 @@ def _one_side(gap: Gap) -> str:
     if min(left, right) > max(left, right) / 6.0:
         return ""
     return "left" if left > right else "right"
-
-
-def limited_motion(command: Twist, most: Twist, model: PredictorModel) -> Twist:
-    """Return a command whose lasting speed and yaw rate by the linear model keep within limits.
-
-    Both become less by one share, so that the bend stays.
-    """
-    v, w = command
-    lasting_v = max(abs(v) * model.push_v / model.rate_v, 1e-9)
-    lasting_w = max(abs(w) * model.push_w / model.rate_w, 1e-9)
-    share = min(1.0, most[0] / lasting_v, most[1] / lasting_w)
-    return share * v, share * w
 
 
 def even_run(

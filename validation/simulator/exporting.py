@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from types import MappingProxyType
 from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
 
 from ssmr.robot.vehicle import Drive
@@ -299,19 +298,18 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     text = str(spec.to_xml())
     # MuJoCo writes six digits, which is half a micrometre of radius and 25 of a path
     for wheel in WHEELS:
-        size = _numbers_text(model.geom(f"{wheel}_tire").size)
+        size = " ".join(map(repr, model.geom(f"{wheel}_tire").size.tolist()))
         text = re.sub(rf'(<geom name="{wheel}_tire"[^>]* size=)"[^"]*"', rf'\1"{size}"', text)
     return text
 
 
 def diff_drive_yaml(
     robot: Robot,
+    drive: Drive,
     multiplier: float,
-    left: float = 1.0,
-    right: float = 1.0,
-    errors: Mapping[str, float] = MappingProxyType({}),
-    drive: Drive | None = None,
-    variances: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    radii: tuple[float, float],
+    errors: Mapping[str, float],
+    variances: Mapping[str, Sequence[float]],
 ) -> str:
     """Return parameters of ros2_control's `diff_drive_controller`; the robot turns as commanded.
 
@@ -320,21 +318,19 @@ def diff_drive_yaml(
 
     Args:
         robot: the robot.
+        drive: the driver, whose limits the controller gets.
         multiplier: distance of the sides' centres of rotation over the track [1].
-        left: way of the left wheels over their turn and radius [1].
-        right: the same of the right wheels [1].
+        radii: way of the left wheels over their turn and radius, and the same of the right [1].
         errors: standard errors of these numbers, by the names of the file.
-        drive: the driver, whose limits the controller gets; the robot's if not given.
         variances: of the odometry in x, y, z, roll, pitch and yaw, by the names of the file.
     """
-    drive = drive or robot.drive
     joints = robot.wheel_joints
     numbers = asdict(drive) | {
         "wheel_separation": robot.track,
         "wheel_separation_multiplier": multiplier,
         "wheel_radius": robot.wheel_radius,
-        "left_wheel_radius_multiplier": left,
-        "right_wheel_radius_multiplier": right,
+        "left_wheel_radius_multiplier": radii[0],
+        "right_wheel_radius_multiplier": radii[1],
         "cmd_vel_timeout": _MISSED * max(drive.hold, _COMMANDED_S),
     }
     remarks = {name: f"standard error {error:.2g}" for name, error in errors.items()}
@@ -387,8 +383,3 @@ def _fill_rows(
             beside = "; ".join(remarks[name] for name in remarks if name in row)
             text += row.format(**rounded, **texts) + ("  # " if beside else "") + beside + "\n"
     return text
-
-
-def _numbers_text(numbers: Iterable[float]) -> str:
-    """Return the text of numbers, with all their digits."""
-    return " ".join(repr(float(number)) for number in numbers)

@@ -508,11 +508,12 @@ PRICES = {
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
-        16_400,
+        17_500,
         5,
-        33,
-        "the robot and its controller on a ROS 2 graph; a supervisor names what is wrong with it, "
-        "and a robot that was held waits for a confirmation",
+        37,
+        "the robot and its controller on a ROS 2 graph, also along paths in a frame such as map, of "
+        "files or nav_msgs/Path, wherever /tf says that the odometry is; a supervisor names what "
+        "is wrong with it, and a robot that was held waits for a confirmation",
     ),
     "validation/simulator": Price(
         23_200,

@@ -343,15 +343,10 @@ def stop_model(past: FloatArray, memory: FloatArray, t: float, pose: Observation
     past[:] = 0.0
     memory[: MODEL_W + 1] = 0.0
     memory[[_AT, _SENT_AT, _GRID_AT]] = t
+    memory[_POSE:LEARNT] = pose.x, pose.y, pose.yaw
     memory[_EARLY:_GRID_AT] = 0.0
     memory[_SEEN:_SQUARES] = 0.0
     memory[_HISTORY:_SUMS] = 0.0
-    move_model(memory, pose)
-
-
-def move_model(memory: FloatArray, pose: Observation) -> None:
-    """Let a predictor have seen its robot last at a `pose`, in place, as where its frame moved."""
-    memory[_POSE:LEARNT] = pose.x, pose.y, pose.yaw
 
 
 @jit

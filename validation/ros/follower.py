@@ -28,7 +28,6 @@ from ssmr.control.loop import (
 )
 from ssmr.control.predictor import (
     LEARNT,
-    move_model,
     predict_ahead,
     remember_command,
     stop_model,
@@ -292,7 +291,8 @@ class PathFollower:
         before = self._on_reference(self._at)
         self._to_reference = pose
         now = self._on_reference(self._at)
-        move_model(self._side.tracker.predictor_state, now)
+        # where the predictor saw it last
+        self._side.tracker.predictor_state[LEARNT - 3 : LEARNT] = now[:3]
         if self.phase == "driving":
             self.frame_step = max(self.frame_step, math.dist(now[:2], before[:2]))
 

@@ -511,7 +511,7 @@ PRICES = {
         17_500,
         5,
         37,
-        "the robot and its controller on a ROS 2 graph, also along paths in a frame such as map, of "
+        "the robot and its controller on a ROS 2 graph, also along paths in a frame, of "
         "files or nav_msgs/Path, wherever /tf says that the odometry is; a supervisor names what "
         "is wrong with it, and a robot that was held waits for a confirmation",
     ),

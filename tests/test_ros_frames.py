@@ -28,7 +28,6 @@ from validation.ros import messages as msg
 from validation.ros.__main__ import PROGRAM
 from validation.ros.control import Control, ControlNode, _with_topics
 from validation.ros.follower import PathFollower, StoppedError
-from validation.ros.frames import FrameTree
 
 COMMAND = "/cmd_vel"
 ODOM_IN_MAP = np.array([4.0, -3.0, 2.5])
@@ -93,7 +92,7 @@ def test_one_frame_in_another_is_the_way_back_turned_round(
     links: list[tuple[int, tuple[float, float, float]]], data: st.DataObject
 ) -> None:
     """In any tree; a frame whose parent is later in the list makes trees, and others circles."""
-    tree = FrameTree()
+    tree = msg.FrameTree()
     for child, (parent, pose) in enumerate(links):
         tree.take([(f"f{parent}", f"f{child}", np.array(pose))])
     frames = [f"f{k}" for k in range(9)]
@@ -111,7 +110,7 @@ def test_one_frame_in_another_is_the_way_back_turned_round(
 
 
 def test_frames_without_end_take_no_memory_without_end() -> None:
-    tree = FrameTree()
+    tree = msg.FrameTree()
     tree.take([("odom", "base_link", np.zeros(3))])
     for k in range(5000):
         tree.take([("odom", f"f{k}", np.zeros(3))])

@@ -32,7 +32,6 @@ from validation.report.tracking import Tracked
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
 from validation.ros.follower import FRESH, PathFollower, StoppedError
-from validation.ros.frames import FrameTree
 from validation.ros.watch import LATE
 
 _logger = logging.getLogger(__name__)
@@ -141,7 +140,7 @@ class ControlNode:
         self._speeds_at = -math.inf
         self._last_held = ""
         self._warned_late = False
-        self._tree = FrameTree()
+        self._tree = msg.FrameTree()
         self._frames: list[str] = []
         self.drove = 0.0
         """Time for which the robot was driven [s]."""
@@ -352,12 +351,8 @@ def control(options: Control) -> Tracked:
     o = _with_topics(options, robot)
     law, gains = chosen_controller(o.controller, profile, o.gains)
     robots = [make_robot(profile, "mujoco")]
-    frame, path = _open_framed_path(o)
-    if o.frame and frame not in ("", o.frame):
-        raise ValueError(f"{o.reference} is in the frame {frame}, and --frame is {o.frame}")
-    o = replace(o, frame=o.frame or frame)
-    speed = o.speed or (None if isinstance(path, str) else DEFAULT_SPEED)
-    reference, waypoints, remarks = open_path(path, speed, robots)
+    o, path = _find_frame(o)
+    reference, waypoints, remarks = open_path(path, o.speed, robots)
     for remark in [*remarks, *profile.unfitted(["mujoco"])]:
         _logger.info("%s", remark)
     law = law.on(robots[0].drive)
@@ -410,25 +405,31 @@ def control(options: Control) -> Tracked:
     )
 
 
-def _open_framed_path(o: Control) -> tuple[str, str | Waypoints]:
-    """Return the frame of a reference, or nothing, and the reference: its name, or what came.
+def _find_frame(o: Control) -> tuple[Control, str | Waypoints]:
+    """Return options with the frame of the reference, and its name or the path that came.
 
     Raises:
-        ValueError: a file of waypoints cannot be read, or is of several frames.
+        ValueError: a file of waypoints cannot be read, or is not in the frame of the options.
         StoppedError: no path came.
     """
     path = Path(o.reference)
+    reference: str | Waypoints = o.reference
     if not o.reference.startswith("/") or path.suffix or path.exists():
-        return frame_of_waypoints(o.reference), o.reference
-    with closing(Node("path", o)) as node:
-        node.subscribe(o.reference, "nav_msgs/msg/Path", msg.read_path, latch=True)
-        until = node.clock() + o.patience
-        while not (came := node.receive(0.1)):
-            if node.clock() >= until:
-                why = node.refusals(o.reference) or "nothing came, and there is no such file"
-                raise StoppedError(f"no path on {o.reference} for {o.patience:g} s: {why}")
-    frame, places = came[0][1]
-    return frame, Waypoints.from_path(places, DEFAULT_SPEED)
+        frame = frame_of_waypoints(o.reference)
+    else:
+        with closing(Node("path", o)) as node:
+            node.subscribe(o.reference, "nav_msgs/msg/Path", msg.read_path, latch=True)
+            until = node.clock() + o.patience
+            while not (came := node.receive(0.1)):
+                if node.clock() >= until:
+                    why = node.refusals(o.reference) or "nothing came, and there is no such file"
+                    raise StoppedError(f"no path on {o.reference} for {o.patience:g} s: {why}")
+        frame, places = came[0][1]
+        o = replace(o, speed=o.speed or DEFAULT_SPEED)
+        reference = Waypoints.from_path(places, DEFAULT_SPEED)
+    if o.frame and frame not in ("", o.frame):
+        raise ValueError(f"{o.reference} is in the frame {frame}, and --frame is {o.frame}")
+    return replace(o, frame=o.frame or frame), reference
 
 
 def _with_topics(options: Control, robot: str) -> Control:

@@ -109,10 +109,9 @@ class PathFollower:
     ) -> None:
         """Design the law and compile the loops, so that nothing is slow once the robot moves.
 
-        The reference begins at the robot's pose, unless it is `framed`: then it stays where it is,
-        `place_feedback` says where that is, and the robot has to stand near its beginning. A
-        controller that is a Python object is made
-        twice: the first one computes one command and is thrown away.
+        The reference begins at the robot's pose, unless it is `framed`: then `place_feedback` says
+        where it is, and the robot has to stand near its beginning. A controller that is a Python
+        object is made twice: the first one computes one command and is thrown away.
 
         Args:
             controller: the law.
@@ -153,14 +152,10 @@ class PathFollower:
         self._framed = framed
         self.frame_step = 0.0
         """Greatest distance by which the reference's frame moved at once [m]."""
-        self._stops = False
-        self._confirmed = False
+        self._stops = self._confirmed = self._gently = False
         self._auto = auto_restart
-        self._hold_at = 0.0
-        self._probed = 0.0
+        self._hold_at = self._probed = self._gently_until = 0.0
         self._patience = patience
-        self._gently = False
-        self._gently_until = 0.0
         self._clock = SenderClock()
         self._arrival = self._stamp = -math.inf
         self._fresh = self._repeated = 0

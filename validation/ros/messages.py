@@ -1,4 +1,4 @@
-"""Names, fields and units of live ROS messages, which no other module knows.
+"""Names, fields, frames and units of live ROS messages, which no other module knows.
 
 Frames follow REP 103 and 105: x forward, y left, z up; poses in `odom`, twists in `base_link`.
 Covariances are 6 x 6 by rows in the order x, y, z, roll, pitch, yaw. A message to be sent is a
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ssmr.control.law import Observation
-from ssmr.geometry import quat_wxyz_to_yaw, yaw_to_quat_wxyz
+from ssmr.geometry import compose_poses, quat_wxyz_to_yaw, relative_pose, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 
 FILTERED_TOPIC = "/platform/odom/filtered"
@@ -51,6 +51,8 @@ _MOST_COMPONENT = 1e3
 _FLAT_VARIANCE = 1e-6
 """Variance of z, roll and pitch of a robot on a plane [m2, rad2 and per s2]; small, but it keeps a
 covariance invertible."""
+_MOST_FRAMES = 1000
+"""Frames that are remembered: whoever reaches the graph can send any number."""
 _LONGEST_NAME = 200
 """Most characters of a frame's name."""
 _PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
@@ -307,3 +309,41 @@ def _read_place(position: Any, orientation: Any) -> tuple[float, float, float]:
     if not length > _LEAST_LENGTH:
         raise ValueError(f"orientation has length {length:g}: it is no quaternion")
     return x, y, float(quat_wxyz_to_yaw(quat))
+
+
+class FrameTree:
+    """Poses of frames in their parents, the newest of each."""
+
+    def __init__(self) -> None:
+        """Begin without a frame."""
+        self._parents: dict[str, tuple[str, FloatArray]] = {}
+
+    def take(self, transforms: list[Transform]) -> None:
+        """Take poses (3,) of frames in their parents [m, m, rad]."""
+        for parent, child, pose in transforms:
+            if child in self._parents or len(self._parents) < _MOST_FRAMES:
+                self._parents[child] = (parent, pose)
+
+    def pose_in(self, target: str, frame: str) -> FloatArray:
+        """Return the (3,) pose of a frame in another [m, m, rad].
+
+        Raises:
+            ValueError: nothing connects them; the message names the frames that are seen.
+        """
+        ours = self._poses_above(frame)
+        for shared, pose in self._poses_above(target).items():
+            if shared in ours:
+                return relative_pose(pose, ours[shared])
+        seen = sorted({frame, *self._parents, *dict(self._parents.values())})
+        raise ValueError(
+            f"nobody says where {frame} is in {target}; frames that are seen: {', '.join(seen)}"
+        )
+
+    def _poses_above(self, frame: str) -> dict[str, FloatArray]:
+        """Return the poses of a frame in itself, in its parent, and so on."""
+        poses = {frame: np.zeros(3)}
+        # until there is no parent, or they go in a circle
+        while (link := self._parents.get(frame)) and link[0] not in poses:
+            poses[link[0]] = compose_poses(link[1], poses[frame])
+            frame = link[0]
+        return poses

@@ -435,7 +435,8 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     opened = sources, held_out = open_sources(
         o.sources, base, o.held_out, o.input, span, options=o, radius=radius, rates=o.rates
     )
-    usual = [name for name in kind.free[occasion] if name not in _held_turning(o)]
+    left_alone = (*kind.held(begun.parameters), *_held_turning(o))
+    usual = [name for name in kind.free[occasion] if name not in left_alone]
     free = usual if o.free is None else o.free
     searched = beginning.searched_names([*free, *_mentioned(o)], free, o.fix, sources)
     space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)

@@ -69,11 +69,11 @@ class FourWheelParameters(WheeledBody):
     """Link between the wheels of a side: `belt`, they turn together; `none`, each has its own motor
     of half the strength."""
     stiffness_x: float = parameter(
-        7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log"
+        7.0, unit="1", low=0.1, high=1e4, search=(0.5, 60.0), scale="log"
     )
     """Slip stiffness along the wheel, C_x: force over load and slip at little slip [1]."""
     stiffness_y: float = parameter(
-        7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log"
+        7.0, unit="1", low=0.1, high=1e4, search=(0.5, 60.0), scale="log"
     )
     """Slip stiffness across the wheel, C_y [1]."""
     relaxation: float = parameter(

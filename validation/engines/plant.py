@@ -197,8 +197,8 @@ class EnginePlant(BodyPlant):
         whole_steps(drive.hold, self.dt, "the drive's hold")
         if calibration.friction_ratio != 1.0:
             raise ParameterError(
-                f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one "
-                "friction"
+                f"friction_ratio {calibration.friction_ratio:g}: tyres have one friction in "
+                f"{name}, and two only in mujoco, which alone can drive these numbers"
             )
         inertia = 2.0 * (calibration.armature + calibration.robot.wheel_inertia[1])
         longest = _MOST_GAIN * inertia / calibration.gain if calibration.gain > 0.0 else math.inf

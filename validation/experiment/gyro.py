@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.types import FloatArray
@@ -27,6 +28,8 @@ _WORST_RAD = 0.02
 0.016."""
 _LEAST_CORRELATION = 0.5
 """Correlation of their turns below which the gyro measures something else."""
+_EQUAL = 1e-9
+"""Size of a difference that is none [rad]."""
 _SAME_MOTION = 0.9
 """Least correlation of gyro and wheels from which the delay between them is known."""
 
@@ -40,6 +43,9 @@ class GyroJudge:
     late: tuple[FloatArray, ...]
     """(M,) the same headings of each piece, delayed as the localiser's are, so that both can be
     compared [rad]."""
+    steady: tuple[FloatArray, ...]
+    """(M,) these delayed headings of each piece with the scale and the drift of the localiser's
+    [rad]: it is right in the long run, and the gyro in the short."""
     apart: float
     """Median difference between the turns by gyro and by localiser over 6 s [rad]."""
 
@@ -120,20 +126,32 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     else:
         bias = rest.bias
     delayed = put("pose_yaw", bias)
-    apart = float(np.median(np.abs(turned(delayed) - pose)))
-    return GyroJudge(put("wheels", bias), delayed, apart)
+    turns, seconds = turned(delayed), turned([m.t for m in motions])
+    apart = float(np.median(np.abs(turns - pose)))
+    scale, drift = least_squares(
+        lambda c: c[0] * turns + c[1] * seconds - pose,
+        (1.0, 0.0),
+        loss="soft_l1",
+        f_scale=max(apart, _EQUAL),
+    ).x
+    steady = [scale * way + drift * m.t for way, m in zip(delayed, motions, strict=True)]
+    return GyroJudge(put("wheels", bias), delayed, tuple(steady), apart)
 
 
 def with_gyro(source: Source) -> Source:
-    """Return a source with the headings of its gyro, where this is the first judge of them.
+    """Return a source with the headings of its gyro, if it has one of use.
 
-    They are as late as its own; a remark says why. A source that has them stays as it is.
+    Where the gyro is the first judge of headings, they judge, as late as the source's own, and a
+    remark says why. Else they only guide a fit. A source that has them stays as it is.
     """
     if any(piece.headings is not None for piece in source.pieces):
         return source
     judge = find_gyro_judge(source)
-    if judge is None or not judge.first:
+    if judge is None:
         return source
+    if not judge.first:
+        pairs = zip(source.pieces, judge.steady, strict=True)
+        return replace(source, pieces=tuple(replace(p, guides=way) for p, way in pairs))
     pairs = zip(source.pieces, judge.late, strict=True)
     pieces = tuple(replace(piece, headings=headings) for piece, headings in pairs)
     remarks = (*source.remarks, f"{source.title}: {judge.sentence}")

@@ -108,7 +108,9 @@ def begin_at(
     # wheels of its own roll as the shares of those say
     numbers["wheel_radius"] = 0.5 * first.vehicle.wheel_radius * (p.alpha_l + p.alpha_r)
     numbers["radius_difference"] = first.vehicle.wheel_radius * (p.alpha_l - p.alpha_r)
-    x, icr = _weight_for_turn(robot, p.y_l - p.y_r)
+    x, icr = 0.0, 0.0
+    if "com_x" in body.space.names:
+        x, icr = _weight_for_turn(robot, p.y_l - p.y_r)
     if body.model in SIMULATED:
         x *= robot.mass / robot.base_mass  # its number is that of the base without wheels
     before = body.space.values(body.begun)

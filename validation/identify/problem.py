@@ -170,7 +170,8 @@ class FitProblem:
             data.update(source.name.rpartition("/")[2].encode(errors="surrogatepass"))
             for piece in source.pieces:
                 truth = true_motion(piece)
-                arrays = [piece.commands.values, truth.t, truth.pose, piece.headings, piece.torques]
+                arrays = [piece.commands.values, truth.t, truth.pose, piece.headings]
+                arrays += [piece.guides, piece.torques]
                 for array in arrays:
                     if array is not None:
                         data.update(np.ascontiguousarray(array).tobytes())
@@ -210,8 +211,11 @@ class FitProblem:
         is_known = "simulation.wheel_shape" in self.base.robot.given
         if is_known or not (self.torques and self.robust and self.model == STANDARD):
             return None
-        is_round = self.base.parameters.wheel_shape == "cylinder"
-        return self._with_numbers(wheel_shape="ellipsoid" if is_round else "cylinder")
+        shape = self.base.parameters.wheel_shape
+        if shape == "capsule":
+            # the other shapes have no friction_ratio; this wide, it is a cylinder that has one
+            return self._with_numbers(capsule_half_width=0.5 * self.base.robot.wheel_width)
+        return self._with_numbers(wheel_shape="ellipsoid" if shape == "cylinder" else "cylinder")
 
     def _with_numbers(self, **numbers: float | str) -> FitProblem:
         """Return this problem with other numbers in the plant of before."""

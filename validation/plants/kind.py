@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import Any, Literal, Protocol
@@ -213,6 +213,8 @@ class PlantKind:
     together: Callable[[Sequence[PlantProfile | None], int], Population] | None = None
     """Function that prepares candidates for one compiled loop, which drives them on a number of
     threads; None where each is driven on a thread of its own."""
+    held: Callable[[Any], Collection[str]] = lambda _: ()
+    """Function that returns which of these a fit to a log leaves alone, for the plant's numbers."""
     torques: bool = False
     """Whether the channel `TORQUES` has the torques of a body on wheels, so that they can be
     compared with others; those of planar models are numbers of a fit. Its motors have an integral

@@ -16,7 +16,14 @@ from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
-_BODY = ("friction", "wheel_radius", "radius_difference", "com_x", "com_y")
+_BODY = (
+    "friction",
+    "friction_ratio",
+    "wheel_radius",
+    "radius_difference",
+    "com_x",
+    "com_y",
+)
 _FREE: Free = {
     "scenario": CAUSES,
     "commands": (*_BODY, "delay", "acceleration_v", "acceleration_w", "wheel_lag", *SEEN),
@@ -41,6 +48,11 @@ def declare(name: str) -> PlantKind:
             return MujocoPlant(numbers, section.drive, terrain=terrain, settings=settings)
         return EnginePlant(name, _ENGINES[name], numbers, section.drive, terrain)
 
+    def held(numbers: Calibration) -> tuple[str, ...]:
+        """Return which one of the two numbers that say how easily a robot turns is held."""
+        has_ratio = name == "mujoco" and numbers.wheel_shape == "capsule"
+        return ("com_x" if has_ratio else "friction_ratio",)
+
     return PlantKind(
         name,
         Calibration,
@@ -48,5 +60,6 @@ def declare(name: str) -> PlantKind:
         build,
         _FREE,
         colour=_COLOURS[name],
+        held=held,
         torques=True,
     )

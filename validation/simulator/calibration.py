@@ -45,7 +45,9 @@ class Calibration(WheeledBody):
     wheel_shape: WheelShape = "ellipsoid"
     """Contact shape of the tyres: `ellipsoid` (one point), `cylinder` (a line) or `capsule` (two
     points)."""
-    friction_ratio: float = parameter(1.0, unit="1", low=0.0, high=10.0, open_low=True)
+    friction_ratio: float = parameter(
+        1.0, unit="1", low=0.0, high=10.0, open_low=True, search=(0.5, 1.5)
+    )
     """Lateral over longitudinal friction [1] -> pair_friction; other than 1 only with capsule
     wheels, whose contact frame turns with the robot (for other shapes MuJoCo lays the tangents
     along the world's axes)."""

@@ -455,7 +455,7 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        36_134,
+        36_170,
         16,
         99,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
@@ -490,10 +490,10 @@ PRICES = {
         "named, for all of it or from when to when; it is told part by part, and written",
     ),
     "validation/plants": Price(
-        7_400,
+        7_465,
         5,
         34,
-        "every plant declared once, and profiles",
+        "every plant declared once, with the numbers that its robot lets a fit move, and profiles",
     ),
     "validation/replicate": Price(
         13_100,

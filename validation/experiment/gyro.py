@@ -144,15 +144,16 @@ def with_gyro(source: Source) -> Source:
     Where the gyro is the first judge of headings, they judge, as late as the source's own, and a
     remark says why. Else they only guide a fit. A source that has them stays as it is.
     """
-    if any(piece.headings is not None for piece in source.pieces):
+    if any(piece.guides is not None for piece in source.pieces):
         return source
     judge = find_gyro_judge(source)
     if judge is None:
         return source
-    if not judge.first:
-        pairs = zip(source.pieces, judge.steady, strict=True)
-        return replace(source, pieces=tuple(replace(p, guides=way) for p, way in pairs))
-    pairs = zip(source.pieces, judge.late, strict=True)
-    pieces = tuple(replace(piece, headings=headings) for piece, headings in pairs)
-    remarks = (*source.remarks, f"{source.title}: {judge.sentence}")
-    return replace(source, pieces=pieces, remarks=remarks)
+    pieces = []
+    for piece, late, steady in zip(source.pieces, judge.late, judge.steady, strict=True):
+        if judge.first:
+            pieces.append(replace(piece, headings=late, guides=late))
+        else:
+            pieces.append(replace(piece, guides=steady))
+    remarks = (f"{source.title}: {judge.sentence}",) * judge.first
+    return replace(source, pieces=tuple(pieces), remarks=(*source.remarks, *remarks))

@@ -308,8 +308,7 @@ class _HorizonRater(Rater):
             weights.append(np.full(len(starts), 1.0 / (count * len(windows))))
         self._moved = relative_pose(truth.pose[self._starts], truth.pose[self._ends])
         # a gyro may tell turns better than the poses do
-        told = (way for way in (piece.headings, piece.guides) if way is not None)
-        heading = next(told, truth.yaw)
+        heading = truth.yaw if piece.guides is None else piece.guides
         self._moved[:, 2] = heading[self._ends] - heading[self._starts]
         blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
         super().__init__(piece, cost, np.concatenate(weights), blocks)

@@ -23,6 +23,7 @@ from dm_env import test_utils
 import validation
 from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF, SYMMETRY
+from tests.urdf_factory import UrdfRobot
 from validation.experiment.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask, tracking
 from validation.learning.episodes import DELAY, FRICTION, EpisodeSource
@@ -247,18 +248,22 @@ def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(
         np.testing.assert_array_equal(after.observation[name], value)
 
 
-def test_the_examples_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
-    """The PID, read off the page and run as it stands there.
+@pytest.mark.parametrize(("place", "least", "most"), [(1, 0.55, 0.67), (-1, 0.2, 1.0)])
+def test_the_examples_of_the_page_run(
+    place: int, least: float, most: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Many robots side by side, and the PID, read off the page and run as they stand there.
 
     A robot that stands still would have less than 0.1.
     """
+    pytest.importorskip("gymnasium", reason="Gymnasium is missing (extra `learning`)")
     page = (Path(__file__).resolve().parents[1] / "docs" / "learning.md").read_text(
         encoding="utf-8"
     )
-    example = page.split("```python")[-1].split("```")[0]
+    example = page.split("```python")[place].split("```")[0]
     exec(compile(example, "docs/learning.md", "exec"), {})
     reward = float(capsys.readouterr().out.split()[-1])
-    assert 0.2 < reward < 1.0
+    assert least < reward < most
 
 
 TRACK = "validation.learning.gym:ssmr/Track-v0"
@@ -347,15 +352,55 @@ def test_frames_without_a_display_say_what_they_need(
         environment.render()
 
 
-def test_a_driver_without_limits_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_driver_without_a_greatest_speed_is_refused_by_name(tmp_path: Path) -> None:
     shipped = (Path(validation.__file__).parents[1] / "models/jackal.toml").read_text(
         encoding="utf-8"
     )
     kept = [line for line in shipped.splitlines() if not line.startswith(("v_max", "w_max"))]
     path = tmp_path / "endless.toml"
     path.write_text("\n".join(kept), encoding="utf-8")
-    with pytest.raises(ValueError, match="has no greatest speed or yaw rate"):
+    with pytest.raises(ValueError, match="has no greatest speed, of which actions are shares"):
         TrackBatch(TrackTask(robot=path))
+
+
+@pytest.mark.parametrize("most", [4.0, 10.0])
+def test_an_imported_robot_keeps_the_limit_of_its_wheels(tmp_path: Path, most: float) -> None:
+    """A URDF says how fast its wheels turn, and nothing of yaw rates: v and omega share it."""
+    written = UrdfRobot(wheel=1.0)
+    text = written.text().replace(
+        'type="continuous">', f'type="continuous"><limit effort="20" velocity="{most}"/>'
+    )
+    path = tmp_path / "rover.urdf"
+    path.write_text(text, encoding="utf-8")
+    assert f'velocity="{most}"' in text
+    batch = TrackBatch(TrackTask(robot=path, spread=0.0, noise=False, speed=0.3), 1, 1)
+    half = batch.source.sections[0].drive.command_half_track
+    rim = most * written.radius
+    assert batch.source.top == pytest.approx([rim, rim / half])
+    for action in ([9.0, 0.0], [0.0, 9.0], [9.0, -9.0], [-0.7 * rim, 0.8 * rim / half]):
+        v, w = batch._commands([action])[0]
+        assert abs(v) + half * abs(w) == pytest.approx(rim)
+        within = np.clip(action, -batch.source.top, batch.source.top)
+        assert v * within[1] == pytest.approx(w * within[0]), "the bend stays"
+    gentle = [0.4 * rim, 0.5 * rim / half]
+    assert batch._commands([gentle])[0] == pytest.approx(gentle, rel=1e-15)
+    batch.reset()
+    for _ in range(20):
+        batch.step([[9.0, 9.0]])
+    plant = batch._plants[0]
+    rates = batch._bodies.qvel[0][plant.parts.dofs]
+    assert np.abs(rates).max() < 1.05 * most
+
+
+def test_seeds_of_rows_are_as_many_and_of_any_kind(gymnasium: Any) -> None:
+    many = gymnasium.make_vec(TRACK, 3, seconds=1.0)
+    first = many.reset(seed=5)[0]
+    for seeds in (np.int64(5), [5, 6, 7], np.arange(5, 8), (5, None, 7)):
+        again = many.reset(seed=seeds)[0]
+        np.testing.assert_array_equal(again[[0, 2]], first[[0, 2]])
+    for seeds in ([1, 2], [1, 2, 3, 4]):
+        with pytest.raises(ValueError, match="argument"):
+            many.reset(seed=seeds)
 
 
 @pytest.mark.slow

@@ -281,7 +281,11 @@ class TrackBatch:
                 f"{shape} finite numbers, v [m/s] and omega [rad/s]; "
                 f"got {shorten_text(actions, 60)}"
             )
-        return np.clip(numbers, -self.source.top, self.source.top)
+        top = self.source.top
+        commands = np.clip(numbers, -top, top)
+        if self.source.of_wheels:  # the faster side's turn at most as fast as they can
+            commands /= np.maximum(np.abs(commands / top).sum(axis=1, keepdims=True), 1.0)
+        return commands
 
     @mujoco_failures()
     def _begin(self, which: NDArray[np.int64]) -> None:

@@ -110,9 +110,9 @@ class EpisodeSource:
         """Read profiles and reference.
 
         Raises:
-            ValueError: profiles or waypoints that cannot be read, a driver without a greatest speed
-                or yaw rate, several robots or kinds of motor,
-                or a physics step that does not divide the period of commands.
+            ValueError: profiles or waypoints that cannot be read, a driver without a greatest
+                speed, several robots or kinds of motor, or a physics step that does not divide the
+                period of commands.
         """
         self.task = task
         names: list[str | None] = [None]
@@ -123,16 +123,21 @@ class EpisodeSource:
             robots = ", ".join(profile.robot.name for profile in profiles)
             raise ValueError(f"the profiles must be of one robot, they are of {robots}")
         self.sections: list[PlantProfile] = []
+        self.of_wheels = False
+        """Whether the driver's limits are those of its wheels' rates alone."""
         for profile in profiles:
             section = profile.plants["mujoco"]
-            parameters = replace(section.parameters, timestep=task.timestep)
-            self.sections.append(replace(section, parameters=parameters))
-        for section in self.sections:
-            if not math.isfinite(section.drive.v_max + section.drive.w_max):
+            drive = section.drive
+            if not math.isfinite(drive.v_max):
                 raise ValueError(
-                    f"the driver of {section.robot.name} has no greatest speed or yaw rate, of "
-                    "which actions are shares; set v_max and w_max in its file, under [drive]"
+                    f"the driver of {section.robot.name} has no greatest speed, of which actions "
+                    "are shares; set v_max in its file, under [drive]"
                 )
+            if not math.isfinite(drive.w_max):
+                self.of_wheels = True
+                drive = replace(drive, w_max=drive.v_max / drive.command_half_track)
+            parameters = replace(section.parameters, timestep=task.timestep)
+            self.sections.append(replace(section, parameters=parameters, drive=drive))
         first = self.sections[0]
         if len({s.parameters.wheel_shape for s in self.sections}) != 1:
             raise ValueError("all profiles must have one shape of tyre")
@@ -154,9 +159,7 @@ class EpisodeSource:
     @cached_property
     def top(self) -> FloatArray:
         """(2,) greatest command that any drive lets through: speed [m/s] and yaw rate [rad/s]."""
-        v = max(section.drive.v_max for section in self.sections)
-        w = max(section.drive.w_max for section in self.sections)
-        return np.array([v, w])
+        return np.max([(s.drive.v_max, s.drive.w_max) for s in self.sections], axis=0)
 
     @cached_property
     def bounds(self) -> FloatArray:

@@ -20,8 +20,8 @@ from ssmr.types import FloatArray
 from validation.learning.batch import TrackBatch
 from validation.learning.episodes import TrackTask
 from validation.output import Document
-from validation.simulator.composing import compose_robot
-from validation.simulator.description import Robot
+from validation.simulator.calibration import Calibration
+from validation.simulator.model import on_ground
 
 try:
     import gymnasium
@@ -95,7 +95,9 @@ class TrackEnv(gymnasium.Env):
                     "there is no display to draw on; set MUJOCO_GL=egl, or osmesa, in the "
                     "environment before Python starts"
                 )
-            self._renderer = mujoco.Renderer(_picture_model(self.batch.source.sections[0].robot))
+            self._renderer = mujoco.Renderer(
+                _picture_model(self.batch.source.sections[0].parameters)
+            )
         model = self._renderer.model
         data = mujoco.MjData(model)
         data.qpos[:] = self.batch.place_of(0)
@@ -144,9 +146,11 @@ class TrackVectorEnv(VectorEnv):
         options: Document | None = None,
     ) -> tuple[FloatRow, Document]:
         """Begin an episode in every row; a seed, or one for each row, decides all that follow."""
-        super().reset(seed=seed if isinstance(seed, int) else None)
-        first = range(seed, seed + self.num_envs) if isinstance(seed, int) else seed or ()
-        for row, own in enumerate(first):
+        rows = range(self.num_envs)
+        seeds: Any = seed
+        if np.ndim(seeds) == 0:
+            seeds = [seed if seed is None else seeds + row for row in rows]
+        for row, own in zip(rows, seeds, strict=True):
             if own is not None:
                 self.batch.seed(row, own)
         return self._as_shares(self.batch.reset()), {}
@@ -165,11 +169,10 @@ class TrackVectorEnv(VectorEnv):
         return (observations / self.batch.source.bounds).astype(np.float32)
 
 
-def _picture_model(robot: Robot) -> mujoco.MjModel:
+def _picture_model(robot: Calibration) -> mujoco.MjModel:
     """Return a robot with its looks, which plants do without, on a grey floor under a lamp."""
-    spec = compose_robot(robot)
-    floor = mujoco.mjtGeom.mjGEOM_PLANE
-    spec.worldbody.add_geom(type=floor, size=[0.0, 0.0, 0.05], rgba=[0.75, 0.75, 0.75, 1.0])
+    spec = on_ground(robot.robot, robot.wheel_shape)
+    spec.geom("ground").rgba = [0.75, 0.75, 0.75, 1.0]
     sun = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     spec.worldbody.add_light(type=sun, pos=[0.0, 0.0, 10.0], dir=[0.3, 0.2, -1.0], castshadow=False)
     return spec.compile()

@@ -206,8 +206,8 @@ controller_server:
       ax_max: {acceleration_v}
       ax_min: -{acceleration_v}
       az_max: {acceleration_w}
-      model_delay_vx: {delay_v}
-      model_delay_wz: {delay_w}
+      model_delay_vx: {delay_v}  # with wheel_lag and half of command_ramp
+      model_delay_wz: {delay_w}  # with wheel_lag and half of command_ramp
 velocity_smoother:
   ros__parameters:
     max_velocity: [{v_max}, 0.0, {w_max}]
@@ -361,8 +361,6 @@ def nav2_yaml(robot: Robot, drive: Drive, errors: Mapping[str, float], source: s
         if name in errors:
             origin = f"standard error {errors[name]:.2g}"
         remarks[name] = f"{name}: {origin}"
-    parts = f"with {remarks['wheel_lag']}; half of {remarks['command_ramp']}"
-    remarks |= {name: f"{remarks[name]}; {parts}" for name in ("delay_v", "delay_w")}
     numbers = asdict(drive.later(0.5 * drive.command_ramp + drive.wheel_lag))
     (x, y, _), (ahead, left, _) = robot_outline(robot).round(4).tolist()
     corners = [[ahead, left], [ahead, y], [x, y], [x, left]]
@@ -381,5 +379,6 @@ def _fill_rows(
     for row in template.splitlines():
         if math.isfinite(sum(rounded[name] for name in rounded if name in row)):
             beside = "; ".join(remarks[name] for name in remarks if name in row)
-            text += row.format(**rounded, **texts) + ("  # " if beside else "") + beside + "\n"
+            mark = ("; " if "#" in row else "  # ") if beside else ""
+            text += f"{row.format(**rounded, **texts)}{mark}{beside}\n"
     return text

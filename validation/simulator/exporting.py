@@ -379,6 +379,6 @@ def _fill_rows(
     for row in template.splitlines():
         if math.isfinite(sum(rounded[name] for name in rounded if name in row)):
             beside = "; ".join(remarks[name] for name in remarks if name in row)
-            mark = ("; " if "#" in row else "  # ") if beside else ""
-            text += f"{row.format(**rounded, **texts)}{mark}{beside}\n"
+            mark = "; " if "#" in row else "  # "
+            text += row.format(**rounded, **texts) + (mark + beside) * bool(beside) + "\n"
     return text

@@ -12,7 +12,7 @@ import pytest
 from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
-from tests.conftest import data_folder
+from tests.conftest import data_folder, processor_time
 from validation.compare import compare
 from validation.files import motion
 from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
@@ -283,6 +283,17 @@ def test_mistakes_of_loggers_are_named_and_a_sound_log_is_not_blamed(name: str) 
         if not any(f.kind == kind and set(names.split()) & set(f.columns) for f in measured):
             missed.add(mistake)
     assert missed == UNSEEN.get(name, set())
+
+
+def test_stamps_of_another_unit_are_judged_as_soon() -> None:
+    """They do not make delays likely that are longer than the log."""
+    log = read_log("sample").on_one_clock()
+    taken = []
+    for unit in (1.0, 1.0, 1e-3):  # the first one imports
+        began = processor_time()
+        assert bool(faults_of({"t": unit * log.t, **log.columns}).faults) is (unit < 1.0)
+        taken.append(processor_time() - began)
+    assert taken[2] < 5.0 * taken[1]
 
 
 @pytest.mark.parametrize("unit", ["km/h", "ft/s"])

@@ -399,7 +399,7 @@ def find_delays(
     """
     windows = e.signals.windows
     bases = list_bases(e, tuple(ways))
-    most = round(_LONGEST_S / e.period)
+    most = min(round(_LONGEST_S / e.period), len(windows.t))  # later, nothing is left to compare
     shifts = np.arange(-most, most + 1)
     # windows begin and end where others have their middles
     rows = np.rint((windows.t - windows.t[0]) / e.period).astype(int)[:, None] + shifts + most

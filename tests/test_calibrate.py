@@ -75,9 +75,16 @@ def test_a_driver_of_one_plant_begins_within_the_bounds_of_another(log: Path) ->
     assert rest["bounds"] == {"delay": (0.0, 0.5)}
 
 
-def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> None:
-    options = ("--robot", "husky", "--profile", "thesis-lab", "--trust")
-    document = calibrated(log, tmp_path, *options)["plants"]["kinematic"]
+@pytest.fixture(scope="module")
+def true(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a calibration by that log."""
+    folder = tmp_path_factory.mktemp("true")
+    calibrated(log, folder, "--robot", "husky", "--profile", "thesis-lab", "--trust")
+    return folder
+
+
+def test_known_numbers_come_back_in_every_file(true: Path) -> None:
+    document = json.loads((true / "calibrate.json").read_text())["plants"]["kinematic"]
     assert document["better"]
     for name, value in TRUTH.items():
         assert document["parameters"][name]["value"] == pytest.approx(value, abs=0.02), name
@@ -85,13 +92,13 @@ def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> Non
     after = document["after"]["6"]
     assert after["position_median_m"] < 0.2 * before["position_median_m"]
     assert after["position_low_m"] <= after["position_median_m"] <= after["position_high_m"]
-    profile = load_profile(tmp_path / "profile.toml").plants["kinematic"]
+    profile = load_profile(true / "profile.toml").plants["kinematic"]
     assert profile.parameters.drift == document["parameters"]["drift"]["value"]
     # a delay and a lag of the wheels act alike but in the first moment of a change
     assert profile.drive.delay_v + profile.drive.wheel_lag == pytest.approx(
         load_profile("thesis-lab").plants["kinematic"].drive.delay_v, abs=0.02
     )
-    lines = (tmp_path / "diff_drive.yaml").read_text().splitlines()
+    lines = (true / "diff_drive.yaml").read_text().splitlines()
     split = (line.partition(": ") for line in lines)
     reported = {name.strip(): value.partition("  #")[0] for name, _, value in split}
     said = [line.split()[0] for line in lines if "  # standard error " in line]
@@ -109,8 +116,8 @@ def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> Non
             reported[f"{'left' if side == 'l' else 'right'}_wheel_radius_multiplier"]
         )
         assert told_ratio == pytest.approx(TRUTH[f"alpha_{side}"], abs=0.02)
-    assert (tmp_path / "calibrate.md").is_file()
-    page = (tmp_path / "calibrate.html").read_text()
+    assert (true / "calibrate.md").is_file()
+    page = (true / "calibrate.html").read_text()
     headings = re.findall(r"<h\d>(.*?)</h\d>", page)
     assert headings[1:4] == [
         "Paths of unseen data",
@@ -125,15 +132,13 @@ def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> Non
     assert not re.findall(r"(?:src|href)=\"(?!data:)", page)
 
 
-def test_what_is_no_better_is_not_kept(log: Path, tmp_path: Path) -> None:
+def test_what_is_no_better_is_not_kept(log: Path, true: Path, tmp_path: Path) -> None:
     """The first two thirds have a left wheel that slips, and what is judged on has none."""
     sound = np.genfromtxt(log, delimiter=",", names=True)
     rows = np.array([sound[name] for name in sound.dtype.names])
     rows[sound.dtype.names.index("enc_left"), sound["t"] < 2.0 / 3.0 * sound["t"][-1]] *= 1.1
     bad = tmp_path / "bad.csv"
     np.savetxt(bad, rows.T, delimiter=",", header=",".join(sound.dtype.names), comments="")
-    true = tmp_path / "true"
-    calibrated(log, true, "--profile", "thesis-lab", "--trust")
     document = calibrated(bad, tmp_path / "out", "--profile", str(true / "profile.toml"), "--trust")
     assert document["plants"]["kinematic"]["better"] is False
     assert any("keeps the old numbers" in note for note in document["notes"])

@@ -268,16 +268,17 @@ def _block_sums(x: FloatArray, y: FloatArray) -> FloatArray:
     most = round(_OFFSET_LIMIT / _OFFSET_STEP)
     span = len(x) * _OFFSET_STEP
     blocks = max(1, round(span / min(_BLOCK_S, max(_SHORTEST_BLOCK_S, span / _BLOCKS))))
-    powers = []
-    for values in (x, np.pad(y, most, constant_values=math.nan)):
-        rates = np.nan_to_num(values)
-        powers.append(np.array([np.isfinite(values), rates, rates**2]))
+    late = np.pad(y, most, constant_values=math.nan)
     edges = np.linspace(0, len(x), blocks + 1).astype(int)
     size = fft.next_fast_len(int(np.diff(edges).max()) + 2 * most, real=True)
     sums = np.empty((blocks, 6, 2 * most + 1))
     for k, (a, b) in enumerate(pairwise(edges)):
         # correlations of all powers of a block at once, each power transformed once
-        first = fft.rfft(powers[0][:, a:b], size)[[0, 1, 0, 2, 0, 1]]
-        second = fft.rfft(powers[1][:, a : b + 2 * most], size)[[0, 0, 1, 0, 2, 1]]
+        powers = []
+        for values in (x[a:b], late[a : b + 2 * most]):
+            rates = np.nan_to_num(values)
+            powers.append(fft.rfft([np.isfinite(values), rates, rates**2], size))
+        first = powers[0][[0, 1, 0, 2, 0, 1]]
+        second = powers[1][[0, 0, 1, 0, 2, 1]]
         sums[k] = fft.irfft(first.conj() * second, size)[:, : 2 * most + 1]
     return sums

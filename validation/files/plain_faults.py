@@ -16,7 +16,7 @@ from ssmr.types import FloatArray, IndexArray
 from validation.files.columns import POSE_COLUMNS, column_of, trust_in
 from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, ODOMETRY, TWIST, NewPoses, Way, motion_by_sensor
-from validation.files.sensors import Signals
+from validation.files.sensors import MOST_WINDOWS, Signals
 from validation.files.signals import TIME_ROUNDOFF, BoolArray
 
 _MOVES = 0.1
@@ -218,7 +218,8 @@ def _window_errors(
     chords = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)
     arcs = chords / np.sinc(np.clip(half / np.pi, -0.5, 0.5))
     way = np.cumulative_sum(arcs, include_initial=True)
-    starts = np.searchsorted(t, np.arange(t[0], t[-1] - window, 0.5 * window))
+    every = max(0.5 * window, (t[-1] - t[0]) / MOST_WINDOWS)
+    starts = np.searchsorted(t, np.arange(t[0], t[-1] - window, every))
     ends = np.searchsorted(t, t[starts] + window - TIME_ROUNDOFF)
     ends = np.minimum(ends, len(t) - 1)
     spans = np.column_stack([starts, ends])[t[ends] - t[starts] < 1.2 * window]

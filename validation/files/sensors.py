@@ -41,7 +41,7 @@ _LAGS = sorted(np.arange(-1.5, 1.51, 0.1).tolist(), key=abs)
 """Delays of a sensor or a command that are tried [s], the least ones first."""
 _SHORT_S = 60.0
 """Length of a log from which the times above hold [s]; of a shorter one they are parts."""
-_MOST = 4000
+MOST_WINDOWS = 4000
 """Number of windows that suffices."""
 _VARIES = 0.25
 """Deviation of a rate over its mean from which it varies [1]."""
@@ -231,7 +231,7 @@ def windows_of(every: Mapping[str, Group], told: Mapping[str, Way]) -> Windows:
     if n < FEWEST_WINDOWS:
         return _NONE
     # those of a log of hours lie apart
-    middles = start + margin + unit * _STEP_S * np.arange(0, n, math.ceil(n / _MOST))
+    middles = start + margin + unit * _STEP_S * np.arange(0, n, math.ceil(n / MOST_WINDOWS))
     n = len(middles)
     means = dict[str, FloatArray]()
     clocks = dict[str, FloatArray]()

@@ -16,11 +16,9 @@ from tempfile import TemporaryDirectory
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import mujoco
-import numpy as np
 from mujoco import rollout
 
 from benchmarks.rows import IMPORTS, Pair, Row, report_rows, run_python, time_pairs
-from ssmr.errors import SsmrError
 from ssmr.lanes import run_population
 from ssmr.robot.drive import wheel_references
 from ssmr.scenarios import TRAJECTORIES
@@ -42,31 +40,19 @@ LAB = load_profile("thesis-lab")
 COMMANDS = TRAJECTORIES["traj4"].commands()
 
 
-def planar_model(name: str) -> PlanarModel:
-    """Return a planar model with the lab's numbers."""
-    section = LAB.plants[name]
-    return PlanarModel(section.parameters, section.vehicle, section.drive)
-
-
 def _pair_lanes(name: str) -> Pair:
-    """Return candidates of a planar model one by one, and in lanes, on one thread.
-
-    Raises:
-        SsmrError: the poses differ.
-    """
-    drive = LAB.plants[name].drive
+    """Return candidates of a planar model one by one, and in lanes, on one thread."""
+    own = LAB.plants[name]
     models = []
     for i in range(_POPULATION):
-        late = replace(drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i)
-        models.append(replace(planar_model(name), drive=late))
+        late = replace(own.drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i)
+        models.append(PlanarModel(own.parameters, own.vehicle, late))
     plants = [PlanarPlant(model) for model in models]
     together = partial(run_population, models, COMMANDS, [State()] * _POPULATION, SAMPLE_DT)
 
     def run_alone() -> list[FloatArray]:
         return [plant.run(COMMANDS, State(), SAMPLE_DT).pose for plant in plants]
 
-    if not np.array_equal(together(), run_alone()):
-        raise SsmrError(f"{name}: poses in lanes differ from those of single robots")
     return run_alone, together, f">= {_LANES[name]:g}"
 
 
@@ -119,8 +105,6 @@ def main(
         repeats: Number of times that each pair is timed; the fastest counts.
         quick: Time each pair once: a check that everything runs.
     """
-    if repeats < 1:
-        raise ValueError(f"--repeats {repeats} must be positive")
     pairs = {f"{name}: {_POPULATION} one by one / in lanes": _pair_lanes(name) for name in _LANES}
     rows = time_pairs(pairs | _pair_mujoco(), 1 if quick else repeats)
     if not quick:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -387,3 +389,28 @@ def test_a_log_keeps_the_columns_of_a_large_table(
     log = Log.of_columns(path, columns)
     for name, values in log.columns.items():
         assert np.shares_memory(values, columns[name])
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="there is no /proc here")
+def test_a_large_table_is_read_in_little_more_than_its_numbers(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    path = tmp_path / "long.csv"
+    rest = ",".join([f"{math.pi:.15f}"] * 12)
+    names = ",".join(["t", "x", *(f"more_{k}" for k in range(11))])
+    with path.open("w") as file:
+        file.write(f"{names}\n")
+        file.writelines(f"{0.05 * k:.2f},{rest}\n" for k in range(100_000))
+    code = f"""
+from pathlib import Path
+import pyarrow.csv
+import validation.files.formats
+from validation.files.tables import read_csv_table
+def peak():
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+before = peak()
+table = read_csv_table(Path({str(path)!r}))
+print(1024 * (peak() - before) - sum(column.nbytes for column in table.columns))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 40e6, "text or numbers were held twice"

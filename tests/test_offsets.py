@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
 from validation.files.inspection import Inspected
 from validation.files.log import Group, Log
-from validation.files.offsets import Offset, synchronised
+from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.sensors import Signals
 
 SECONDS = 120.0
@@ -131,3 +132,18 @@ def test_a_heading_is_not_taken_out_of_a_gap() -> None:
     after = synchronised(cut, offsets).groups["pose"]
     assert not np.any((after.t > 39.75) & (after.t < 45.0))
     assert np.abs(after.columns["yaw"] - motion(after.t)[4]).max() < 0.06  # five times the noise
+
+
+def test_delays_in_a_long_log_take_little_memory() -> None:
+    t = np.arange(0.0, 4000.0, 0.1)
+    rates = np.sin(0.3 * t + np.sin(0.05 * t))
+    signals = Signals(
+        Log.of_columns("log.csv", {"t": t, "gyro_z": rates, "cmd_v": rates, "cmd_w": rates})
+    )
+    assert len(estimate_offsets(signals)) == 1
+    tracemalloc.start()
+    estimate_offsets(signals)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    one = 8.0 * t[-1] / 0.01  # a rate at the instants at which two are correlated [bytes]
+    assert most < 10.0 * one, "powers of all blocks were held at once"

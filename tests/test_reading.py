@@ -16,7 +16,6 @@ from validation.plants.profile import load_profile
 
 LOADERS: dict[str, Callable[[Path], object]] = {
     "text": reading.read_text,
-    "toml": reading.read_toml,
     "profile": load_profile,
     "gains": lambda path: load_gains("pid", str(path)),
 }
@@ -76,7 +75,7 @@ TOO_DEEP = {
 
 
 @pytest.mark.parametrize("case", TOO_DEEP)
-@pytest.mark.parametrize("loader", ["toml", "profile", "gains"])
+@pytest.mark.parametrize("loader", ["profile", "gains"])
 def test_no_toml_is_nested_too_deep_or_takes_long(tmp_path: Path, loader: str, case: str) -> None:
     (tmp_path / "deep.toml").write_text(TOO_DEEP[case])
     assert "deep" in refused(LOADERS[loader], tmp_path / "deep.toml")
@@ -87,7 +86,7 @@ def test_no_toml_is_nested_too_deep_or_takes_long(tmp_path: Path, loader: str, c
 )
 def test_a_whole_number_of_toml_has_64_bits(tmp_path: Path, text: str) -> None:
     (tmp_path / "great.toml").write_text(text)
-    refused(reading.read_toml, tmp_path / "great.toml")
+    refused(load_profile, tmp_path / "great.toml")
 
 
 def test_a_byte_that_is_no_text_is_named_by_its_line(

@@ -299,8 +299,7 @@ class Calibrated(Report):
         marks = []
         for s in self.fits:
             marker = "s" if s.options["input"] == "wheels" else "o"
-            ink = drawing.ink_of(s.model)
-            inks = {"before": drawing.pale_ink(ink), "after": ink}
+            inks = {"before": drawing.ink_of(s.model, 0.5), "after": drawing.ink_of(s.model)}
             for when, scored in s.judged.items():
                 name = f"{_fit_label(s)}, {when}"
                 marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.overlapping))

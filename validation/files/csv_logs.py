@@ -326,7 +326,7 @@ def _check_names(table: CsvTable) -> None:
     path = table.path
     line = table.header_line
     for kind, some in (("column t", ("t",)), ("known column", RECORDED)):
-        if not any(n in some for n in names):
+        if not {*some} & {*names}:
             what = f"there is no {kind} among {quoted(names)}"
             need = f"a log's header names t and any of {', '.join(RECORDED)}"
             raise FileError(

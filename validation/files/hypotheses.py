@@ -421,8 +421,6 @@ _OF_SPAN = 0.25
 
 def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Blamed that are late, by some time or by more and more."""
-    from scipy import stats  # here: it takes a tenth of a second to import
-
     t = e.signals.windows.t
     group = column_of(names[0]).group
     ways = {name: e.signals.ways[name] for name in names}
@@ -453,7 +451,12 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     if np.count_nonzero(known) < max(5, parts // 2):
         return
     # Theil and Sen's: one part may tell nonsense
-    slope, start, *_ = stats.theilslopes(late[known], t[starts[known]])
+    told = np.column_stack([t[starts], late])[known]
+    first, second = np.triu_indices(len(told), 1)
+    apart, later = (told[second] - told[first]).T
+    slope = np.median(later / apart)
+    middle, lag = np.median(told, axis=0)
+    start = lag - slope * middle
     first, last = taken + start + slope * t[[0, -1]]
     if np.ptp(t) > 45.0 and abs(last - first) > 0.3:
         words = (

@@ -120,16 +120,17 @@ def ways_of(group: Group) -> dict[str, Way]:
         column = values[:, None]
         if name in POSE_COLUMNS:
             new = fresh_poses(group.t, column if pose is None else pose)
-            ways[name] = new_samples(new, group.t), new_samples(new, values)
         elif name in RATES:
             new = refreshed(group.t, column)
-            t = new_samples(new, group.t)
-            rates = new_samples(new, values)
-            if name in COMMAND_COLUMNS["twist"]:  # which hold until the next one
-                steps = rates[:-1] * np.diff(t)
-                ways[name] = t, np.cumulative_sum(steps, include_initial=True)
-            else:
-                ways[name] = t, integrate_rates(t, rates)
+        else:
+            continue
+        t = new_samples(new, group.t)
+        way = new_samples(new, values)
+        if name in TWIST:  # which hold until the next one
+            way = np.cumulative_sum(way[:-1] * np.diff(t), include_initial=True)
+        elif name in RATES:
+            way = integrate_rates(t, way)
+        ways[name] = t, way
     return ways
 
 

@@ -140,11 +140,6 @@ def read_text(path: str | Path, most_bytes: int = _MOST_TEXT) -> str:
 
 # ------------------------------------------------------------------------------------------
 # documents
-def read_toml(path: str | Path) -> dict[str, Any]:
-    """Return the document of a TOML file; its errors are those of `read_text` and `_parse_toml`."""
-    return _parse_toml(read_text(path), str(path))
-
-
 def load_named(
     what: str, name: str, shipped: Mapping[str, Path], parse: Callable[[dict[str, Any]], T]
 ) -> T:

@@ -225,7 +225,7 @@ def _write_numbers(columns: Sequence[FloatArray], block: Sequence[Any]) -> None:
         empty = ~np.isfinite(column)
         if np.count_nonzero(empty) != more.null_count:
             raise ValueError
-        blank = blank & empty
+        blank &= empty
     # to pyarrow a blank line is a row of nothing
     if np.any(blank):
         raise ValueError

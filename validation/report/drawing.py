@@ -19,7 +19,7 @@ from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
 from validation.output import abridge_text, shorten_text
 from validation.report.columns import DEGREES, METRES
-from validation.report.palette import BLACK, mix_colours, plant_colour, spell_name
+from validation.report.palette import BLACK, WHITE, mix_colours, plant_colour, spell_name
 from validation.simulator.terrain import FLAT, Terrain
 
 if TYPE_CHECKING:
@@ -72,9 +72,13 @@ KEY: Mapping[str, Any] = {
 """Look of a legend."""
 
 
-def ink_of(name: str) -> tuple[float, float, float]:
-    """Return a plant's colour for lines on white: a little darker than for surfaces."""
-    red, green, blue = mix_colours(plant_colour(name), BLACK, 0.1)
+def ink_of(name: str, pale: float = 0.0) -> tuple[float, float, float]:
+    """Return a plant's colour for lines on white: a little darker than for surfaces.
+
+    What was before is `pale`, by a share of 0 to 1 of the way to white.
+    """
+    dark = mix_colours(plant_colour(name), BLACK, 0.1)
+    red, green, blue = mix_colours(dark, WHITE, pale)
     return red / 255.0, green / 255.0, blue / 255.0
 
 
@@ -151,14 +155,6 @@ def draw_paths(
         dart = (3, 0, math.degrees(yaw) - 90.0)
         ax.plot(*place, marker=dart, ms=12.0, color=ink_of(name), mec="white", mew=0.6, zorder=4.0)
     equal_scales(ax, smallest)
-
-
-def pale_ink(ink: Ink) -> Ink:
-    """Return an ink half way to white, for what was before."""
-    from matplotlib.colors import to_rgb
-
-    red, green, blue = (0.5 + 0.5 * part for part in to_rgb(ink))
-    return red, green, blue
 
 
 def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:

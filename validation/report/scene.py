@@ -228,12 +228,10 @@ def _force_parts(track: Track) -> _Parts:
 
     They stand beside the wheels, because these would hide them.
     """
-    channels = []
-    for name in ("force_x_N", "force_y_N", "wheel_load_N"):
-        channel = track.channel(name)
-        if channel is None:
-            return
-        channels.append(channel)
+    names = ("force_x_N", "force_y_N", "wheel_load_N")
+    channels = [channel for channel in map(track.channel, names) if channel is not None]
+    if len(channels) < len(names):
+        return
     looks = looks_of(track.robot)
     rows = track.rows
     forces = np.stack(channels, axis=-1)  # (M, 4, 3)
@@ -372,38 +370,35 @@ def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
     body_twist = track.localiser.body_twist(twist)
     name = track.name
     ink = bright_colour(name)
-    single: dict[str, tuple[str, FloatArray | None]] = {
-        "speed": ("m/s", twist[:, 0]),
-        "side_speed": ("m/s", body_twist[:, 1]),
-        "rotation_centre": ("m", rotation_centre(track)[:, 0]),
-        "yaw_rate": ("rad/s", twist[:, 2]),
-        "yaw_acceleration": ("rad/s²", track.channel("yaw_acceleration_rad_s2")),
-    }
-    if track.reference is not None:
-        distance, turn = track.errors
-        single["position_error"] = (length.symbol, length.scale * distance)
-        single["yaw_error"] = ("deg", np.degrees(turn))
-    plots = {}
-    for quantity, (unit, values) in single.items():
-        if values is not None:
-            plots[f"{quantity}/{name}"] = Series([name], unit, [ink], track.t, values)
-    torque = track.channel("torque_N_m")
-    if torque is not None:
-        sides = [f"{name} left", f"{name} right"]
-        plots[f"torque/{name}"] = Series(sides, "N m", shades_of(ink), track.t, torque)
+    alone = [name], [ink]
     # four that can be told apart
     inks = [plant_colour(plant) for plant in ("mujoco", "improved", "coulomb", "linear")]
-    wheels = [wheel.replace("_", " ") for wheel in WHEELS]
-    for quantity in ("wheel_load", "force_x", "force_y"):
-        forces = track.channel(f"{quantity}_N")
-        if forces is not None:
-            plots[f"{quantity}/{name}"] = Series(wheels, "N", inks, track.t, forces)
-    loads = track.channel(QUASI_STATIC)
-    if loads is not None:
-        labels = ["quasi-static"] * len(wheels)  # one entry of the legend
-        pale = [mix_colours(ink, WHITE, 0.5) for ink in inks]
-        plots[f"wheel_load/{name}_quasi_static"] = Series(labels, "N", pale, track.t, loads)
-    return plots
+    wheels = [wheel.replace("_", " ") for wheel in WHEELS], inks
+    # one entry of the legend
+    pale = ["quasi-static"] * len(WHEELS), [mix_colours(ink, WHITE, 0.5) for ink in inks]
+    sides = [f"{name} left", f"{name} right"], shades_of(ink)
+    lines: list[tuple[str, str, FloatArray | None, Any]] = [
+        (f"speed/{name}", "m/s", twist[:, 0], alone),
+        (f"side_speed/{name}", "m/s", body_twist[:, 1], alone),
+        (f"rotation_centre/{name}", "m", rotation_centre(track)[:, 0], alone),
+        (f"yaw_rate/{name}", "rad/s", twist[:, 2], alone),
+        (f"yaw_acceleration/{name}", "rad/s²", track.channel("yaw_acceleration_rad_s2"), alone),
+        (f"torque/{name}", "N m", track.channel("torque_N_m"), sides),
+        *(
+            (f"{kind}/{name}", "N", track.channel(f"{kind}_N"), wheels)
+            for kind in ("wheel_load", "force_x", "force_y")
+        ),
+        (f"wheel_load/{name}_quasi_static", "N", track.channel(QUASI_STATIC), pale),
+    ]
+    if track.reference is not None:
+        distance, turn = track.errors
+        lines.append((f"position_error/{name}", length.symbol, length.scale * distance, alone))
+        lines.append((f"yaw_error/{name}", "deg", np.degrees(turn), alone))
+    return {
+        entity: Series(names, unit, colours, track.t, values)
+        for entity, unit, values, (names, colours) in lines
+        if values is not None
+    }
 
 
 def rotation_centre(track: Track) -> FloatArray:

@@ -218,7 +218,7 @@ def _window_errors(
     chords = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)
     arcs = chords / np.sinc(np.clip(half / np.pi, -0.5, 0.5))
     way = np.cumulative_sum(arcs, include_initial=True)
-    every = max(0.5 * window, (t[-1] - t[0]) / MOST_WINDOWS)
+    every = max(0.5 * window, np.ptp(t) / MOST_WINDOWS)
     starts = np.searchsorted(t, np.arange(t[0], t[-1] - window, every))
     ends = np.searchsorted(t, t[starts] + window - TIME_ROUNDOFF)
     ends = np.minimum(ends, len(t) - 1)

@@ -70,10 +70,10 @@ class Signals:
     @cached_property
     def poses(self) -> NewPoses | None:
         """The new poses; None without poses."""
-        group = self.log.groups.get("pose")
-        pose = None if group is None else group.table(POSE_COLUMNS)
-        if group is None or pose is None:
+        group = self.log.group_of(POSE_COLUMNS)
+        if group is None:
             return None
+        pose = np.column_stack([group.columns[name] for name in POSE_COLUMNS])
         new = np.flatnonzero(fresh_poses(group.t, pose))
         return NewPoses(group, new, group.t[new], pose[new])
 

@@ -179,7 +179,7 @@ def _parse_quickly(path: Path, layout: _Layout, point: str) -> list[FloatArray] 
     except ImportError:
         return None
     names = [str(k) for k in range(len(layout.header))]
-    with path.open("rb") as file:
+    with opened(path, path.stat().st_size) as file:
         blocks = iter(partial(file.read, _BLOCK), b"")
         lines = sum(block.count(b"\n") + block.count(b"\r") for block in blocks)
     columns = [np.empty(lines + 1) for _ in names]
@@ -187,7 +187,7 @@ def _parse_quickly(path: Path, layout: _Layout, point: str) -> list[FloatArray] 
     try:
         # Block by block: all at once, it would hold the text of all of it. pyarrow reads ahead on a
         # thread of its own, also after an error, so it has the file for itself.
-        blocks = quick.open_csv(
+        for block in quick.open_csv(
             OSFile(str(path)),
             quick.ReadOptions(
                 use_threads=False,
@@ -199,8 +199,7 @@ def _parse_quickly(path: Path, layout: _Layout, point: str) -> list[FloatArray] 
             quick.ConvertOptions(
                 column_types=dict.fromkeys(names, float64()), null_values=[""], decimal_point=point
             ),
-        )
-        for block in blocks:
+        ):
             _write_numbers([column[n : n + len(block)] for column in columns], block.columns)
             n += len(block)
     except (OSError, ValueError):  # which is said by what reads with care

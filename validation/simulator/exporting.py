@@ -372,13 +372,14 @@ def _fill_rows(
 ) -> str:
     """Return the rows of a template in which no number is named that is infinite, so not known.
 
-    Behind a row stand the remarks on the numbers that it holds.
+    Behind a row that is no comment stand the remarks on the numbers that it names.
     """
     rounded = {name: float(f"{value:.7g}") for name, value in numbers.items()}
     text = ""
     for row in template.splitlines():
         if math.isfinite(sum(rounded[name] for name in rounded if name in row)):
-            beside = "; ".join(remarks[name] for name in remarks if f"{{{name}}}" in row)
+            named = [] if row[0] == "#" else [name for name in remarks if name in row]
+            beside = "; ".join(remarks[name] for name in named)
             mark = "; " if "#" in row else "  # "
             text += row.format(**rounded, **texts) + (mark + beside) * bool(beside) + "\n"
     return text

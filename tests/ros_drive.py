@@ -158,8 +158,8 @@ class _FaultyDrive:
         follower = self.follower
         by_wheels = robot.wheel_odometry()[1]
         gyro = float(robot.imu()[0][2])
-        self.send(lambda now: follower.take_wheels(stamp, by_wheels))
-        self.send(lambda now: follower.take_gyro(stamp, gyro))
+        self.send(lambda now: follower.supervisor.take_wheels(stamp, by_wheels))
+        self.send(lambda now: follower.supervisor.take_gyro(stamp, gyro))
         self.send(lambda now: follower.update(stamp, seen, now))
 
     def tick(self, k: int) -> None:

@@ -7,7 +7,10 @@ broken program meets.
 from __future__ import annotations
 
 import contextlib
+import copy
 import json
+import math
+import re
 import signal
 import socket
 import subprocess
@@ -448,6 +451,180 @@ def test_a_killed_robot_stops_the_controller(tmp_path: Path, graph: Graph) -> No
         assert controller.wait(PATIENCE) == 1
     assert "no feedback for" in text_of(log)
     assert json.loads((out / "track.json").read_text(encoding="utf-8"))["status"] == "stopped"
+
+
+def short_way(tmp_path: Path) -> Path:
+    """Return the file of a straight path of 0.6 m."""
+    path = tmp_path / "short.csv"
+    path.write_text("x,y\n0,0\n0.3,0\n0.6,0\n", encoding="utf-8")
+    return path
+
+
+def control_along(path: Path, out: Path, *more: str) -> tuple[str, ...]:
+    """Return a command line of a controller, which waits for long."""
+    waits = ("--patience", str(PATIENCE), "--out", str(out), "--overwrite")
+    return ("control", "mpc", str(path), "--speed", "0.2", *waits, *more)
+
+
+def test_either_side_may_be_started_again(tmp_path: Path, graph: Graph) -> None:
+    """A controller that comes back finds the robot, and one that waits finds a new robot."""
+    command = control_along(short_way(tmp_path), tmp_path / "out")
+    with process(tmp_path, graph, "sim", "--no-noise"):
+        with process(tmp_path, graph, *command) as (first, log), joined(graph) as node:
+            node.subscribe("/cmd_vel", TWIST, msg.read_twist, 10)
+            wait_for(lambda: any(v for _, (v, _) in node.receive()), "a drive")
+            first.send_signal(signal.SIGINT)
+            assert first.wait(PATIENCE) == cli.EXIT_INTERRUPTED, text_of(log)
+        with process(tmp_path, graph, *command) as (second, log):
+            wait_for(lambda: "waiting for the robot" in text_of(log), "the controller")
+            second.wait(PATIENCE)
+            assert "driving" in text_of(log)
+    # the robot is gone now, without a word
+    for _ in range(3):
+        with process(tmp_path, graph, *command) as (third, log):
+            wait_for(lambda: "waiting for the robot" in text_of(log), "the controller")
+            with process(tmp_path, graph, "sim", "--no-noise"):
+                status = third.wait(2.0 * PATIENCE)
+        if status == 0 or "no feedback for" not in text_of(log):
+            break
+    assert status == 0, text_of(log)
+
+
+Odometry = dict[str, Any]
+
+
+def nowhere(sent: Odometry) -> list[Odometry]:
+    """Return odometry whose place is no number."""
+    return [moved(sent, math.nan)]
+
+
+def and_another(sent: Odometry) -> list[Odometry]:
+    """Return odometry and that of a second node, which has the robot elsewhere."""
+    return [sent, moved(sent, 0.7)]
+
+
+def and_a_camera(sent: Odometry) -> list[Odometry]:
+    """Return odometry and that of a camera on the robot."""
+    return [sent, {**moved(sent, 0.7), "child_frame_id": "camera_link"}]
+
+
+def moved(sent: Odometry, x: float) -> Odometry:
+    """Return odometry a millisecond later and x [m] farther."""
+    other = copy.deepcopy(sent)
+    other["pose"]["pose"]["position"]["x"] += x
+    other["header"]["stamp"]["nanosec"] += 1_000_000
+    return other
+
+
+def fields_of(message: Any) -> Any:
+    """Return the fields of a message that came, as they are sent."""
+    if is_dataclass(message):
+        return {f.name: fields_of(getattr(message, f.name)) for f in fields(message)}
+    return message
+
+
+@pytest.mark.parametrize(
+    ("change", "reliable", "why"),
+    [
+        (None, False, ""),
+        (nowhere, True, r"no feedback that can be used for .* position\.x is nan"),
+        (and_another, False, r"the pose jumped, or stayed behind, by 0\.7\d m"),
+        (and_a_camera, True, ""),
+    ],
+)
+def test_what_comes_on_the_graph_is_driven_by_or_stops_the_robot(
+    tmp_path: Path,
+    graph: Graph,
+    cyclone: Any,
+    change: Callable[[Odometry], list[Odometry]] | None,
+    reliable: bool,
+    why: str,
+) -> None:
+    """Odometry of another quality, that is no number, and of two nodes, once the robot drives."""
+    out = tmp_path / "out"
+    command = control_along(short_way(tmp_path), out, "--odometry", "/relayed")
+    for _ in range(3):  # a machine that stalls for half a second has the robot stopped
+        peer = Peer(cyclone, graph)
+        writer = peer.writer("/relayed", ODOMETRY, reliable)
+        with (
+            process(tmp_path, graph, "sim", "--no-noise"),
+            process(tmp_path, graph, *command) as (controller, log),
+            joined(graph) as node,
+        ):
+            node.subscribe("/platform/odom/filtered", ODOMETRY, lambda m: m, 20)
+            node.subscribe("/cmd_vel", TWIST, msg.read_twist, 10)
+            driven = 0
+            until = time.monotonic() + 2.0 * PATIENCE
+            while controller.poll() is None and time.monotonic() < until:
+                for topic, value in node.receive(0.02):
+                    if topic == "/cmd_vel":
+                        driven += value[0] > 0.0
+                        continue
+                    relayed = fields_of(value)
+                    faulty = change is not None and driven >= 10
+                    for sent in change(relayed) if faulty and change else [relayed]:
+                        writer.write(dds._idl_message(ODOMETRY, sent))
+            status = controller.wait(PATIENCE)
+        if "no feedback for" not in text_of(log):
+            break
+    assert driven >= 10
+    document = json.loads((out / "track.json").read_text(encoding="utf-8"))
+    assert status == (1 if why else 0), text_of(log)
+    assert re.search(why, document["stopped_because"])
+    if change is and_a_camera:
+        assert "its frames are ['odom', 'camera_link']" in text_of(log)
+
+
+@pytest.mark.parametrize("reliable", [False, True])
+def test_an_emergency_stop_is_heard_whatever_its_quality(
+    graph: Graph, cyclone: Any, reliable: bool
+) -> None:
+    """A reader that asks for reliable writers would not hear one that is not, without a word."""
+    peer = Peer(cyclone, graph)
+    with joined(graph) as node:
+        node.subscribe("/stop", "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
+        writer = peer.writer("/stop", "std_msgs/msg/Bool", reliable)
+
+        def came() -> Any:
+            writer.write(dds._idl_message("std_msgs/msg/Bool", {"data": True}))
+            return node.receive()
+
+        assert wait_for(came, "a stop")[0] == ("/stop", True)
+
+
+@pytest.mark.parametrize("latched", [False, True])
+def test_transforms_and_paths_come_whether_they_were_sent_before_or_not(
+    graph: Graph, cyclone: Any, latched: bool
+) -> None:
+    """A static transform is sent once, and kept for those who come later."""
+    kinds = {"/tf_static": "tf2_msgs/msg/TFMessage", "/plan": "nav_msgs/msg/Path"}
+    pose = np.array([1.0, 2.0, 0.5])
+    stamped = msg.pose_message(0.0, "map", pose)
+    told = {
+        "/tf_static": msg.transform_message(0.0, ("map", "odom"), pose),
+        "/plan": {"header": {"frame_id": "map"}, "poses": [stamped, {}]},
+    }
+    with joined(graph) as sender, joined(graph, "listener") as node:
+        for topic, kind in kinds.items():
+            sender.advertise(topic, kind, latch=latched)
+            if latched:
+                sender.publish(topic, told[topic])
+        node.subscribe("/tf_static", kinds["/tf_static"], msg.read_transforms, latch=True)
+        node.subscribe("/plan", kinds["/plan"], lambda m: m, latch=True)
+        came: dict[str, Any] = {}
+
+        def both_came() -> bool:
+            for topic in kinds if not latched else ():
+                sender.publish(topic, told[topic])
+            came.update(node.receive())
+            return len(came) == 2
+
+        wait_for(both_came, "a transform and a path")
+    ((parent, child, there),) = came["/tf_static"]
+    assert (parent, child) == ("map", "odom")
+    assert there == pytest.approx(pose)
+    assert came["/plan"].header.frame_id == "map"
+    assert len(came["/plan"].poses) == 2
 
 
 def test_a_flood_of_malformed_packets_fills_no_log(

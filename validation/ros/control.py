@@ -155,13 +155,13 @@ class ControlNode:
             node.subscribe(
                 o.wheels,
                 _ODOMETRY,
-                lambda m: follower.take_wheels(*msg.read_wheels(m)),
+                lambda m: follower.supervisor.take_wheels(*msg.read_wheels(m)),
                 _FEEDBACK_KEPT,
             )
         node.subscribe(
             o.imu,
             "sensor_msgs/msg/Imu",
-            lambda m: follower.take_gyro(*msg.read_gyro(m)),
+            lambda m: follower.supervisor.take_gyro(*msg.read_gyro(m)),
             _FEEDBACK_KEPT,
         )
         for name in ("/tf", "/tf_static") if o.frame else ():

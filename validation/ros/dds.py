@@ -4,7 +4,8 @@ What ROS 2 adds to DDS is kept here. A type is a name, a layout of bytes (CDR, v
 Iron, a hash of its definition in the user data of each reader and writer (`RIHS01_…`, REP 2011);
 the definitions are those of Jazzy that rosbags ships. Writers are reliable and keep the last ten
 messages, so that everybody can listen. Readers of sensors ask for best effort, so that they hear
-everybody; readers of commands ask for reliable writers, as a robot's own multiplexer does.
+everybody; readers of commands ask for reliable writers, as a robot's own multiplexer does; an
+emergency stop is read in both ways.
 """
 
 from __future__ import annotations
@@ -42,15 +43,16 @@ _GLOBAL = ("/clock", "/vrpn_mocap/")
 system."""
 _KEPT = 10
 """Messages that a writer keeps for slow readers: ROS 2's default."""
-_SENSORS = (
-    "nav_msgs/msg/Odometry",
-    "nav_msgs/msg/Path",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "sensor_msgs/msg/Imu",
-    "tf2_msgs/msg/TFMessage",
-)
-"""Types that are listened to with best effort."""
+_RELIABLE = {
+    "nav_msgs/msg/Odometry": (False,),
+    "nav_msgs/msg/Path": (False,),
+    "geometry_msgs/msg/PoseStamped": (False,),
+    "sensor_msgs/msg/Imu": (False,),
+    "tf2_msgs/msg/TFMessage": (False,),
+    "std_msgs/msg/Bool": (False, True),
+}
+"""Whether a type is listened to with best effort, so that everybody is heard, reliably, or, as an
+emergency stop, in both ways; others reliably."""
 _SENT_AS = {"geometry_msgs/msg/Twist": ("geometry_msgs/msg/TwistStamped",)}
 """Types that go in two forms: robots of Humble take Twist, and those of Jazzy TwistStamped, under
 one name."""
@@ -316,8 +318,10 @@ class Node:
         self._subscriptions[topic] = subscription
         states = core.ViewState.Any | core.InstanceState.Any | core.SampleState.Any
         places = self._topics(topic, kind, *_HEARD_AS.get(kind, ()))
-        for (form, place), kept in product(places, (False, True)[: 1 + latch]):
-            qos = self._qos(form, depth, reliable=kept or form not in _SENSORS, latch=kept)
+        # a reader that asks for what a writer does not offer hears nothing, without a word
+        wishes = [(reliable, False) for reliable in _RELIABLE.get(kind, (True,))]
+        for (form, place), (reliable, kept) in product(places, wishes + [(True, True)] * latch):
+            qos = self._qos(form, depth, reliable=reliable, latch=kept)
             reader = self._dds.sub.DataReader(self._participant, place, qos=qos)
             self._waitset.attach(core.ReadCondition(reader, states))
             subscription.readers.append(reader)

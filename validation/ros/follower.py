@@ -184,7 +184,8 @@ class PathFollower:
         trackers = make_trackers([law], [loop], self.waypoints, clock, self.waypoints.start)
         (self._side,) = robot_sides([law], [loop], self.waypoints, trackers)
         self._model = self._side.tracker.predictor
-        self._supervisor = Supervisor(self._model, self.controller.drive.command_half_track)
+        self.supervisor = Supervisor(self._model, self.controller.drive.command_half_track)
+        """The judge of the robot's signals, which takes those of wheels and gyro."""
 
     def _run_velocity_loop(self, t: float) -> Command:
         side = self._side
@@ -254,8 +255,8 @@ class PathFollower:
             return
         if dt >= self.patient:
             raise StoppedError(f"the stamps of the feedback jumped by {dt:.3f} s")
-        follows = self._supervisor.judge_pose(self._at, seen, dt)
-        if cause := self._supervisor.cause_of_pose():
+        follows = self.supervisor.judge_pose(self._at, seen, dt)
+        if cause := self.supervisor.cause_of_pose():
             raise StoppedError(cause)
         self._at = seen
         if self.held:
@@ -290,14 +291,6 @@ class PathFollower:
         self._side.tracker.predictor_state[LEARNT - 3 : LEARNT] = now[:3]
         if self.phase == "driving":
             self.frame_step = max(self.frame_step, math.dist(now[:2], before[:2]))
-
-    def take_wheels(self, stamp: float, twist: Twist) -> None:
-        """Take speed [m/s] and yaw rate [rad/s] by the wheels alone, of time `stamp` [s]."""
-        self._supervisor.take_wheels(stamp, twist)
-
-    def take_gyro(self, stamp: float, w: float) -> None:
-        """Take the gyro's yaw rate [rad/s] of time `stamp` [s]."""
-        self._supervisor.take_gyro(stamp, w)
 
     @property
     def patient(self) -> float:
@@ -346,8 +339,8 @@ class PathFollower:
     def _judge_motion(self, stamp: float, seen: Observation, dt: float) -> None:
         """Hold a robot that does not move, and stop one that moves otherwise than by commands."""
         memory = self._side.tracker.predictor_state
-        self._supervisor.judge_motion(stamp, seen, memory, dt)
-        cause = self._supervisor.cause_of_motion(seen)
+        self.supervisor.judge_motion(stamp, seen, memory, dt)
+        cause = self.supervisor.cause_of_motion(seen)
         if not cause:
             return
         stands = self._speed_of(seen.v, seen.w) < _MOVING
@@ -410,7 +403,7 @@ class PathFollower:
             self._poses.pop()
         tracker = self._side.tracker
         stop_model(tracker.past, tracker.predictor_state, t, at)
-        self._supervisor.restart()
+        self.supervisor.restart()
         self._gently = True
         self._gently_until = t + self._model.horizon + _ANSWER
         self._confirmed = False

@@ -6,6 +6,7 @@ at 5, 10 and 50 Hz. `python -m tests.test_follower_faults` prints the table of d
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -37,6 +38,16 @@ def moved_pose(
         return seen._replace(y=seen.y + side, yaw=seen.yaw + turned) if t >= 0.0 else seen
 
     return jump
+
+
+def a_second_sender() -> Callable[[float, Observation], Observation]:
+    """Return a fault by which every second message is of a node that has the robot elsewhere."""
+    turns = itertools.cycle([0.0, 0.7])
+
+    def send(t: float, seen: Observation) -> Observation:
+        return seen._replace(x=seen.x + next(turns)) if t >= 0.0 else seen
+
+    return send
 
 
 def wrong_encoder(side: int, share: float) -> Callable[[float, State], State]:
@@ -73,6 +84,10 @@ FAULTS: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "the pose jumps by 0.30 m to the side": (
         {"seen": moved_pose(side=0.3)},
+        "the pose jumped",
+    ),
+    "a second node sends odometry that is 0.7 m off, in turn": (
+        {"seen": a_second_sender()},
         "the pose jumped",
     ),
     "the left encoder is dead": (

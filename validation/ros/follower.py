@@ -43,6 +43,7 @@ from validation.ros.messages import STAND_STILL, Twist
 from validation.ros.watch import (
     BRAKING,
     GENTLE,
+    SURE,
     SenderClock,
     Supervisor,
     even_run,
@@ -157,7 +158,7 @@ class PathFollower:
         self._hold_at = self._probed = self._gently_until = 0.0
         self._patience = patience
         self._clock = SenderClock()
-        self._arrival = self._stamp = -math.inf
+        self._arrival = self._stamp = self._at_stamp = -math.inf
         self._fresh = self._repeated = 0
         self._begin = self._t = self._place = self._advanced_at = 0.0
         self._at = INITIAL_STATE.seen
@@ -255,10 +256,12 @@ class PathFollower:
             return
         if dt >= self.patient:
             raise StoppedError(f"the stamps of the feedback jumped by {dt:.3f} s")
-        follows = self.supervisor.judge_pose(self._at, seen, dt)
-        if cause := self.supervisor.cause_of_pose():
-            raise StoppedError(cause)
-        self._at = seen
+        follows = self.supervisor.judge_pose(self._at, seen, stamp - self._at_stamp)
+        if self.supervisor.contradictions > SURE - 1:
+            raise StoppedError(self.supervisor.away)
+        if follows:
+            self._at = seen
+            self._at_stamp = stamp
         if self.held:
             self._wait_for_restart(stamp, seen)
         if self.held or not follows:
@@ -377,7 +380,8 @@ class PathFollower:
         stands = self._speed_of(seen.v, seen.w) < _MOVING
         blind = self.held == NO_MOTION
         if self._auto and not self._stops:
-            self._confirmed = self._probe_moved(seen) if blind else True
+            moves = self._probed > 0.0 and self._speed_of(seen.v, seen.w) > 0.5 * _PROBE
+            self._confirmed = moves or not blind
             stands = stands or blind
         if self._confirmed and stands and not self._stops:
             self._restart(stamp, seen)
@@ -386,10 +390,6 @@ class PathFollower:
         if waited > (min(DEAF, self._patience) if blind else self._patience):
             raise StoppedError(f"the robot was held for {waited:.0f} s ({self.held})")
         self.held_time = stamp - self._begin - self._t
-
-    def _probe_moved(self, seen: Observation) -> bool:
-        """Return whether a held robot moves by a probe."""
-        return self._probed > 0.0 and self._speed_of(seen.v, seen.w) > 0.5 * _PROBE
 
     def _restart(self, stamp: float, seen: Observation) -> None:
         """Go on from the place of the path that is nearest to the robot, which stands there."""
@@ -435,6 +435,7 @@ class PathFollower:
         self._begin = self._stamp
         self.phase = "driving"
         self._at = seen
+        self._at_stamp = self._stamp
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
             pose = compose_poses(self._to_reference, pose)
             self._pose_to_reference = compose_poses(pose, invert_pose(self._poses[0][1:]))

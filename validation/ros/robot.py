@@ -174,7 +174,8 @@ class SimulatedRobot:
 
     def joints(self) -> tuple[FloatArray, FloatArray]:
         """The (4,) angles [rad] and rates [rad/s] of the wheels by the encoders, one a side."""
-        return np.tile(self._wheels[0], 2), np.tile(self._wheels[1], 2)
+        angles, rates = np.tile(self._wheels, 2)
+        return angles, rates
 
     def imu(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """(3,) rates sensed last [rad/s], (3,) specific force [m/s2], and variances of both."""

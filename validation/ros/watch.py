@@ -8,6 +8,7 @@ apart, less what their errors explain.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import deque
 
@@ -30,7 +31,7 @@ BRAKING = 0.5
 """Braking of the target at its end [m/s2]."""
 SURE = 3
 """Messages in a row that contradict the speeds before a pose counts as wrong: one may be a slip of
-the sender."""
+the sender. Each that does not makes up for as small a part of one."""
 _TAKEN_OVER = 5.0
 """Time constant with which lateness of all messages that are remembered is left to the predictor to
 learn [s]."""
@@ -86,14 +87,9 @@ class Gap:
         explained = self._leak * dt + self._share * way
         self.size = total - np.clip(total, -explained, explained)
 
-    def share(self, axis: int | None = None) -> float:
-        """Return the gap over the greatest that errors explain, along one axis or as a whole."""
-        size = self.size if axis is None else self.size[axis : axis + 1]
-        return float(np.hypot.reduce(size)) / (self._most + self._scatter)
-
-    def close(self) -> None:
-        """Take the signals as they are now for those that agree."""
-        self.size = np.zeros(1)
+    def share(self) -> float:
+        """Return the gap over the greatest that errors explain."""
+        return float(np.hypot.reduce(self.size)) / (self._most + self._scatter)
 
 
 class SenderClock:
@@ -147,8 +143,8 @@ class SenderClock:
         """Return the time in which so many messages come, those that are late among them [s]."""
         if len(self._known) < 2:
             return 0.0
-        stamps = [stamp for stamp, _ in self._known]
-        return messages * float(np.median(np.diff(stamps))) + max(self._latenesses)
+        periods = np.diff(self._known, axis=0)[:, 0]
+        return messages * float(np.median(periods)) + max(self._latenesses)
 
 
 class Supervisor:
@@ -175,15 +171,17 @@ class Supervisor:
         self._gyro_stamp = -math.inf
         self._gyro_rate = 0.0
         self._last_pair = -math.inf
-        self._contradictions = 0
-        self._away = ""
+        self.contradictions = 0.0
+        """Number of poses lately that did not follow from the speeds [1]."""
+        self.away = ""
+        """How the first of these did not."""
         self._wheels_lie = False
 
     def restart(self) -> None:
         """Begin again, with a robot that stands."""
         for gap in (self._place, self._heading, self._speeds, self._wheels, self._gyro):
-            gap.close()
-        self._contradictions = 0
+            gap.size = np.zeros(1)
+        self.contradictions = 0.0
 
     def take_wheels(self, stamp: float, twist: Twist) -> None:
         """Take speed and yaw rate by the wheels alone of time `stamp` [s]."""
@@ -195,7 +193,12 @@ class Supervisor:
         self._gyro_rate = w
 
     def judge_pose(self, before: Observation, seen: Observation, dt: float) -> bool:
-        """Return whether a pose follows from that `before` and the speeds, `dt` [s] later."""
+        """Return whether a pose follows from that `before` and the speeds, `dt` [s] later.
+
+        One that does not is forgotten: with poses of two senders in turn, those of one follow, and
+        the others' distance is no scatter.
+        """
+        gaps = copy.deepcopy((self._place, self._heading))
         v = 0.5 * (before.v + seen.v)
         w = 0.5 * (before.w + seen.w)
         turn = float(wrap_angle(seen.yaw - before.yaw))
@@ -206,24 +209,26 @@ class Supervisor:
         self._place.add(np.subtract(seen[:2], before[:2]) - way, dt * (abs(v) + unknown), dt)
         turned = dt * (abs(w) + 2.0 * abs(seen.w - before.w))
         self._heading.add(np.array([turn - dt * w]), turned, dt)
-        follows = max(self._place.share(), self._heading.share()) <= 1.0
-        self._contradictions = 0 if follows else self._contradictions + 1
-        if self._contradictions == 1:
+        place = self._place.share()
+        heading = self._heading.share()
+        follows = max(place, heading) <= 1.0
+        if follows:
+            self.contradictions = max(self.contradictions - 1.0 / SURE, 0.0)
+            return follows
+        self.contradictions += 1.0
+        if self.contradictions == 1.0:
             size = float(np.hypot.reduce(self._place.size))
-            self._away = (
+            self.away = (
                 f"the pose jumped, or stayed behind, by {size:.2f} m: "
                 f"its speeds say {seen.v:.2f} m/s"
             )
-            if self._heading.share() > self._place.share():
-                self._away = (
+            if heading > place:
+                self.away = (
                     f"the heading jumped, or stayed behind, by {self._heading.size[0]:.2f} rad: "
                     f"its rates say {seen.w:.2f} rad/s"
                 )
+        self._place, self._heading = gaps
         return follows
-
-    def cause_of_pose(self) -> str:
-        """Return why poses do not follow from the speeds, once that is sure."""
-        return self._away if self._contradictions >= SURE else ""
 
     def judge_motion(self, stamp: float, seen: Observation, memory: FloatArray, dt: float) -> None:
         """Compare speeds and wheels of time `stamp` [s], `dt` [s] after the last, with commands.
@@ -284,8 +289,7 @@ def _one_side(gap: Gap) -> str:
     """Return the side to which a gap between both sides' speeds is confined, or nothing."""
     if len(gap.size) < 2:
         return ""
-    left = gap.share(0)
-    right = gap.share(2)
+    left, _, right = np.abs(gap.size)
     if min(left, right) > max(left, right) / 6.0:
         return ""
     return "left" if left > right else "right"

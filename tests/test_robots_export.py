@@ -88,7 +88,9 @@ def in_plain_mujoco(
 
 
 @pytest.mark.parametrize("limit", [None, 10.0])
-@pytest.mark.parametrize("name", ["thesis-lab", "husky-tile", "thesis-printed", "pioneer3at"])
+@pytest.mark.parametrize(
+    "name", ["thesis-lab", "husky-tile", "thesis-printed", "pioneer3at", "warthog-grass"]
+)
 def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float | None) -> None:
     """To a hundredth of a millimetre, with slips that settle as the file's; these move it by 0.1.
 

@@ -37,7 +37,7 @@ def errors(plant: str, held_out: bool) -> WindowErrors:
 
 
 WANTED = [
-    ("mujoco", 0.121, 0.038),
+    ("mujoco", 0.12, 0.027),
     ("kinematic", 0.12, 0.033),
     ("four_wheel", 0.11, 0.029),
 ]
@@ -65,8 +65,7 @@ def test_a_speed_loop_with_an_integral_part_turns_the_wheels_as_slowly_as_the_ro
             [np.abs(motion.wheels - measured).mean() for _, measured, motion in result]
         )
     assert max(off["coulomb"], off["linear"]) < 0.85 * off["kinematic"]
-    # its tyres resist a turn more than the robot's, for which its driver has the greater gains
-    assert off["mujoco"] == pytest.approx(0.321, abs=0.01)
+    assert off["mujoco"] == pytest.approx(0.271, abs=0.01)
 
 
 @pytest.mark.parametrize("plant", PLANTS)

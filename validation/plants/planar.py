@@ -27,7 +27,7 @@ from validation.plants.kind import (
     Stretch,
     sample_count,
 )
-from validation.simulator.checking import spot_turn, whole_com
+from validation.simulator.checking import spot_turn
 from validation.simulator.description import Robot
 
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
@@ -41,8 +41,6 @@ _ROLLING = ("wheel_radius", "radius_difference", "effective_half_track")
 """Numbers that are left of a dynamic model whose wheel rates are given."""
 _CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
 """Numbers of the kinematic model's centres of rotation."""
-_CENTRAL = 1e-6
-"""Distance of the weight from the middle over the wheelbase, up to which it is in the middle."""
 _KINEMATIC: Free = {
     "scenario": (*_CENTRES, "x_icr"),
     # x_icr and tracked_x are one number to a recording
@@ -103,16 +101,14 @@ def default_parameters(kind: type, robot: Robot) -> Any:
 def _kinematic_defaults(robot: Robot) -> KinematicParameters:
     """Return the kinematic model of a robot by mechanics.
 
-    Where the robot's weight is off the middle, its centres of rotation are those of the turn on the
-    spot in closed form: the sides' rims move at -1 and 1 m/s, the middle at (forward, across), and
+    Unless its file says how it turns, its centres of rotation are those of the turn on the spot in
+    closed form: the sides' rims move at -1 and 1 m/s, the middle at (forward, across), and
     v - omega y is a side's rim speed at its centre of rotation.
     """
     numbers: KinematicParameters = default_parameters(KinematicParameters, robot)
-    x, y, _ = whole_com(robot)
     turn = spot_turn(robot)
-    is_central = max(abs(x), abs(y)) < _CENTRAL * robot.wheelbase
     is_given = "vehicle.effective_half_track" in robot.given
-    if is_central or is_given or turn is None or turn.yaw_rate <= 0.0:
+    if is_given or turn is None or turn.yaw_rate <= 0.0:
         return numbers
     return replace(
         numbers,

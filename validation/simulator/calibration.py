@@ -173,7 +173,7 @@ class Calibration(WheeledBody):
             "com_z": com_z,
             "gain": robot.gain,
             "armature": robot.armature,
-            "capsule_half_width": _CAPSULE_SHARE * robot.wheel_width,
+            "capsule_half_width": contact_half_width(robot, "capsule"),
             "timestep": robot.timestep,
             "wheel_shape": robot.wheel_shape,
             "friction": robot.friction,
@@ -181,5 +181,10 @@ class Calibration(WheeledBody):
         return cls(robot, **{**numbers, **changes})
 
 
-_CAPSULE_SHARE = 1.0 / 16.0
-"""Half the distance between a capsule's contact points over the width of the tyre [1]; assumed."""
+_WIDTHS: dict[WheelShape, float] = {"ellipsoid": 0.0, "cylinder": 0.5, "capsule": 1.0 / 16.0}
+"""Half the distance between a tyre's contact points over its width [1]; a capsule's is assumed."""
+
+
+def contact_half_width(robot: Robot, shape: WheelShape) -> float:
+    """Return half the distance between the contact points of a robot's tyres of a shape [m]."""
+    return _WIDTHS[shape] * robot.wheel_width

@@ -6,6 +6,7 @@ import numpy as np
 
 from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
 from ssmr.types import FloatArray
+from validation.simulator.calibration import contact_half_width
 from validation.simulator.description import GRAVITY, Robot, Vector3
 
 _MEASURABLE = (
@@ -60,7 +61,8 @@ def spot_turn(robot: Robot) -> SkidTurn | None:
     if load_shares(robot).min() < 0.0:
         return None
     x, y, _ = whole_com(robot)
-    return turn_on_the_spot(robot.wheelbase, robot.track, x, y)
+    half_width = contact_half_width(robot, robot.wheel_shape)
+    return turn_on_the_spot(robot.wheelbase, robot.track, x, y, half_width=half_width)
 
 
 def turning_torque(robot: Robot, turn: SkidTurn) -> float:

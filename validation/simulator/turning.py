@@ -8,7 +8,7 @@ import numpy as np
 
 from ssmr.robot.ground import SkidTurn, turn_on_the_spot
 from ssmr.types import Commands, Plant, State, Trajectory
-from validation.simulator.calibration import Calibration
+from validation.simulator.calibration import Calibration, contact_half_width
 from validation.simulator.description import WHEELS
 from validation.simulator.health import LIFT_SHARE
 
@@ -49,12 +49,9 @@ def closed_form(
             [1].
     """
     robot = calibration.robot
-    # distance of the contact points from the wheel's middle [m]
-    half_width = 0.0
-    if calibration.wheel_shape == "capsule":
-        half_width = calibration.capsule_half_width
-    elif calibration.wheel_shape == "cylinder":
-        half_width = 0.5 * robot.wheel_width
+    half_width = calibration.capsule_half_width
+    if calibration.wheel_shape != "capsule":
+        half_width = contact_half_width(robot, calibration.wheel_shape)
     share = 1.0 - len(WHEELS) * robot.wheel_mass / calibration.mass
     return turn_on_the_spot(
         wheelbase=robot.wheelbase,

@@ -7,15 +7,39 @@ from collections import Counter
 from typing import Any
 
 import pytest
+from numba.core import event
 
 FIRST = ("test_closed_loop.py", "test_lanes.py", "test_faults.py")
 """Files that begin: one worker compiles the control loop while the other compiles the models, and
 no work is done twice. The longest of all tests comes next."""
 
+COMPILING = event.TimingListener()
+"""The time that this process compiles."""
+WORKERS_COMPILED: list[float] = []
+"""The times that the workers have compiled [s]."""
+
 
 def pytest_configure(config: pytest.Config) -> None:
-    """The order below is kept."""
+    """The order below is kept, and compiling is timed."""
     config.option.loadscopereorder = False
+    event.register("numba:compile", COMPILING)
+
+
+def compiling_time() -> float:
+    """The time that this process and its workers have compiled [s]."""
+    return sum(WORKERS_COMPILED) + (COMPILING.duration if COMPILING.done else 0.0)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A worker tells how long it compiled."""
+    told = getattr(session.config, "workeroutput", None)
+    if told is not None:
+        told["compiling_s"] = compiling_time()
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """With an empty cache, that is part of what the tests take."""
+    terminalreporter.write_line(f"compiling took {compiling_time():.0f} s of the workers' time")
 
 
 @pytest.hookimpl(trylast=True)
@@ -38,5 +62,6 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any, error: object | None) -> None:
     """A worker that dies fails the run, also where it had no test to fail."""
+    WORKERS_COMPILED.append(getattr(node, "workeroutput", {}).get("compiling_s", 0.0))
     if error:
         node.config.pluginmanager.get_plugin("session").testsfailed += 1

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from ctypes.util import find_library
+from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -127,19 +128,37 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
 """A model for each kind of finding, and whether the file that is written has it no more."""
 
 
+Examined = tuple[Any, Path, Any]
+"""What a check says of a model, the file that it writes, and what a check says of that."""
+
+
+@pytest.fixture(scope="module")
+def examine(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Examined]:
+    """Examines the model of a disease, once."""
+
+    @cache
+    def examined(kind: str) -> Examined:
+        text, is_cured = DISEASES[kind]
+        folder = tmp_path_factory.mktemp("theirs")
+        path = folder / "theirs.xml"
+        path.write_text(text)
+        fixed = folder / "fixed.xml"
+        check = check_robot(path, write=fixed if is_cured else None)
+        assert path.read_text() == text
+        return check, fixed, check_robot(fixed) if is_cured else None
+
+    return examined
+
+
 @pytest.mark.parametrize("kind", DISEASES)
-def test_a_planted_disease_is_found_by_name_and_cured(kind: str, tmp_path: Path) -> None:
-    text, is_cured = DISEASES[kind]
-    kind = kind.partition(" ")[0]
-    path = tmp_path / "theirs.xml"
-    path.write_text(text)
+def test_a_planted_disease_is_found_by_name_and_cured(
+    kind: str, examine: Callable[[str], Examined]
+) -> None:
     began = time.process_time()
-    fixed = tmp_path / "fixed.xml"
-    check = check_robot(path, write=fixed if is_cured else None)
+    check, _, again = examine(kind)
+    kind = kind.partition(" ")[0]
     assert kind in {finding.kind for finding in check.findings}
-    assert path.read_text() == text
-    if is_cured:
-        again = check_robot(fixed)
+    if again is not None:
         assert kind not in {finding.kind for finding in again.findings}
         own = again.document()["own_physics"]
         assert own["multiplier"] == pytest.approx(own["closed_form"], rel=0.03)
@@ -196,13 +215,13 @@ def test_a_motor_is_raised_alone_and_no_maximum_is_lowered(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("kind", ["pyramid", "hopping", "servo_soft", "step"])
-def test_what_is_written_is_printed_once_and_driven(kind: str, tmp_path: Path) -> None:
+def test_what_is_written_is_printed_once_and_driven(
+    kind: str, examine: Callable[[str], Examined]
+) -> None:
     """Each attribute that differs stands in one change, and `after` is what the file does."""
-    path = tmp_path / "theirs.xml"
     text = DISEASES[kind][0]
-    path.write_text(text)
-    fixed = tmp_path / "fixed.xml"
-    findings = check_robot(path, write=fixed).findings
+    check, fixed, again = examine(kind)
+    findings = check.findings
     printed = " ".join(finding.change or "" for finding in findings)
     asked = re.findall(r'(\w+)="([^"]*)"', printed)
     written = fixed.read_text()
@@ -211,7 +230,7 @@ def test_what_is_written_is_printed_once_and_driven(kind: str, tmp_path: Path) -
             assert (name, value) in asked
     of_option = [pair for pair in asked if pair[0] in ("timestep", "impratio", "cone")]
     assert len({name for name, _ in of_option}) == len(set(of_option))
-    rows = {row["row"]: row for row in check_robot(fixed).document()["balance"]}
+    rows = {row["row"]: row for row in again.document()["balance"]}
     for finding in findings:
         if finding.after is not None and finding.before is not None:
             row = next(rows[name] for name in rows if finding.before.startswith(name))

@@ -59,8 +59,13 @@ def _pair_episodes(robots: int, seconds: float) -> dict[str, Pair]:
     batch = TrackBatch(TrackTask(seconds=seconds), robots, 1)
     for row in range(robots):
         batch.seed(row, row)
-    what = f"{robots * batch.source.most_ticks} ticks of episodes / imports"
-    return {what: (partial(_follow_targets, batch), IMPORTS, "<= 5.2")}
+    return {
+        f"{robots * batch.source.most_ticks} ticks of episodes / imports": (
+            partial(_follow_targets, batch),
+            IMPORTS,
+            "<= 5.2",
+        )
+    }
 
 
 def main(

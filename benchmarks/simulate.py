@@ -48,11 +48,11 @@ def _pair_lanes(name: str) -> Pair:
         late = replace(own.drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i)
         models.append(PlanarModel(own.parameters, own.vehicle, late))
     plants = [PlanarPlant(model) for model in models]
-    together = partial(run_population, models, COMMANDS, [State()] * _POPULATION, SAMPLE_DT)
 
     def run_alone() -> list[FloatArray]:
         return [plant.run(COMMANDS, State(), SAMPLE_DT).pose for plant in plants]
 
+    together = partial(run_population, models, COMMANDS, [State()] * _POPULATION, SAMPLE_DT)
     return run_alone, together, f">= {_LANES[name]:g}"
 
 

@@ -57,6 +57,19 @@ def test_an_import_is_quick_and_loads_no_engine(package: str) -> None:
     assert not loaded
 
 
+def test_a_comparison_in_python_pays_for_no_picture_and_no_recording() -> None:
+    program = (
+        "import sys; from validation.compare import compare; "
+        "print(*{'scipy.optimize', 'scipy.stats'} & set(sys.modules)); "
+        "compare('traj4', plants=('improved',)); "
+        "print(*{'matplotlib', 'rerun', 'pandas', 'pyarrow'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert not done.stdout.split()
+
+
 def test_results_and_profiles_can_be_pickled() -> None:
     lab = load_profile("thesis-lab")
     small = {"generations": 1, "population": 6}

@@ -143,14 +143,14 @@ def compare(o: Compare) -> Comparison:
     foreign = driver_warnings(plants, profile.robot)
     for warning in (*source.warnings, *unknown[1:], *doubts, *foreign):
         cli.warn_user(warning)
+    recorded = reference == RECORDING
+    gyro = find_gyro_judge(source) if recorded else None
     localisers = {name: profile.section(name).localiser for name in plants}
     push_seed = o.seed if o.disturbance else None
     runs = drive_all(source, plants, localisers, push_seed, o.workers, o.progress)
     if o.noise:
         runs = _add_noise(runs, reference, o.seed)
-    recorded = reference == RECORDING
     truth = source.truth if recorded else runs[reference].motions
-    gyro = find_gyro_judge(source) if recorded else None
     adapted = _drive_adapted(o, profile, source, runs)
     runs |= {name: replace(runs[name], motions=path) for name, (*_, path) in adapted.items()}
     scores = {}

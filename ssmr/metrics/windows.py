@@ -34,8 +34,9 @@ _FEWEST_BLOCKS = 4
 errors."""
 _DRAWS = 1000
 """Number of resampled series."""
-_AT_ONCE = 1 << 20
-"""Numbers of these that are held at once: those of a log of hours would fill the memory."""
+_AT_ONCE = 128
+"""Windows for which all of these are held at once; of more, which fill the memory, a part of them
+is."""
 _TAILS = 50.0 * (1.0 - SHARE), 50.0 * (1.0 + SHARE)
 """Percentiles at which an interval ends."""
 
@@ -226,12 +227,13 @@ class WindowErrors:
             median = float(np.median(values))
             spread = values
             if blocks >= _FEWEST_BLOCKS:
-                starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(blocks)))
+                rng = np.random.default_rng(0)
                 # In a circle, so that every window has the same weight.
                 circle = sliding_window_view(np.append(values, values[: block - 1]), block)
-                parts = np.array_split(starts, math.ceil(starts.size * block / _AT_ONCE))
-                series = (circle[some].reshape(len(some), -1)[:, :n] for some in parts)
-                drawn = np.concatenate([np.median(some, axis=1) for some in series])
+                drawn = np.empty(_DRAWS)
+                for some in np.array_split(drawn, min(_DRAWS, 1 + n // _AT_ONCE)):
+                    starts = rng.integers(0, n, (len(some), math.ceil(blocks)))
+                    some[:] = np.median(circle[starts].reshape(len(some), -1)[:, :n], axis=1)
                 quantiles = stdtrit(blocks - 1.0, tail) / ndtri(tail)
                 wider = quantiles * math.sqrt(blocks / (blocks - 1.0))
                 spread = median + wider * (drawn - median)

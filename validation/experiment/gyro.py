@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.types import FloatArray
@@ -83,6 +82,8 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     Sign, bias and clock are put right. The localiser shows the sign. The bias is the mean at rest
     or, where the robot never stands, the median drift between gyro and localiser.
     """
+    from scipy.optimize import least_squares  # here: it takes 34 MB and half a second to import
+
     inspected = source.inspected
     pairs = [(piece, piece.reference) for piece in source.pieces if piece.reference is not None]
     if inspected is None or "gyro_z" not in inspected.log.columns:

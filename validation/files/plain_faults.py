@@ -218,8 +218,8 @@ def _window_errors(
     chords = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)
     arcs = chords / np.sinc(np.clip(half / np.pi, -0.5, 0.5))
     way = np.cumulative_sum(arcs, include_initial=True)
-    every = max(0.5 * window, np.ptp(t) / MOST_WINDOWS)
-    starts = np.searchsorted(t, np.arange(t[0], t[-1] - window, every))
+    step = max(0.5 * window, np.ptp(t) / MOST_WINDOWS)
+    starts = np.searchsorted(t, np.arange(t[0], t[-1] - window, step))
     ends = np.searchsorted(t, t[starts] + window - TIME_ROUNDOFF)
     ends = np.minimum(ends, len(t) - 1)
     spans = np.column_stack([starts, ends])[t[ends] - t[starts] < 1.2 * window]

@@ -102,6 +102,7 @@ FAULTS: dict[str, tuple[dict[str, Any], str]] = {
         {"weak": (0, 2.0)},
         "the left side does not turn as commanded",
     ),
+    "the odometry ends": ({"silent": lambda t: t >= 0.0}, "no feedback for"),
     "the odometry is not finite": (
         {"seen": lambda t, seen: seen._replace(x=np.nan) if t >= 0.0 else seen},
         "no feedback that can be used",

@@ -427,6 +427,79 @@ def test_it_gives_up_on_a_robot_that_does_not_move(lab: Profile) -> None:
     assert np.all(sent[t > 3.2] == 0.0)
 
 
+@pytest.mark.parametrize("released", [True, False])
+def test_a_robot_that_nobody_confirms_is_given_up_after_the_patience(
+    lab: Profile, released: bool
+) -> None:
+    loop, node, _ = with_robot(lab)
+    node.blocked = lambda t: t > 2.0
+    node.plan(msg.STOP_TOPIC, 2.0, message({"data": True}))
+    why = "the emergency stop is on"
+    if released:
+        node.plan(msg.STOP_TOPIC, 4.0, message({"data": False}))
+        why = "the emergency stop was released: confirm that the robot may go on"
+    with pytest.raises(StoppedError, match=rf"^the robot was held for 30 s \({why}\)$"):
+        loop.run()
+    t, sent = commands(node)
+    assert np.all(sent[t > 2.1] == 0.0)
+    assert t[-1] - STOP_TIME == pytest.approx(32.0, abs=0.2)
+
+
+def test_a_confirmation_waits_until_the_robot_stands(lab: Profile) -> None:
+    follower = follower_of(lab)
+    now = started(follower)
+    follower.take_stop(True)
+    follower.take_stop(False)
+    follower.confirm()
+    x = 0.0
+    for k, v in enumerate([0.3, 0.2, 0.1, 0.06, 0.04]):
+        x += 0.02 * v
+        follower.update(now + 0.02 * (k + 1), REST._replace(x=x, v=v), now + 0.02 * (k + 1))
+        assert bool(follower.held) == (v > 0.05)
+
+
+def test_a_robot_that_comes_no_nearer_to_its_end_has_arrived_after_three_seconds(
+    lab: Profile, tmp_path: Path
+) -> None:
+    """Its law lets it rest more than 20 mm before the end."""
+    short = FAULTY.format("return (0.2, 0.0) if now.seen.x < 1.1 else (0.0, 0.0)")
+    law_of_user, _ = chosen_controller(f"{written(tmp_path, short)}:Mine", lab)
+    node = RobotNode(COMMAND)
+    follower = PathFollower(law_of_user, line(0.2, 1.2))
+    ControlNode(node, follower, options_of()).run()
+    assert follower.phase == "arrived"
+    assert stands(node)
+    run = follower.run()
+    off = np.hypot(*(run.columns("x", "y") - follower.waypoints.xy[-1]).T)
+    assert off[-1] > 0.02
+    rests = run.t[np.flatnonzero(np.diff(off) < -1e-4)[-1]]
+    assert run.t[-1] - max(rests, follower.waypoints.duration) == pytest.approx(3.0, abs=0.3)
+
+
+def test_any_error_stops_the_robot(lab: Profile, tmp_path: Path) -> None:
+    """Of a law, and of the program itself."""
+    fault = FAULTY.format("return (0.1, 0.0) if now.t < 2.0 else 1 / 0")
+    bad, _ = chosen_controller(f"{written(tmp_path, fault)}:Mine", lab)
+    node = RobotNode(COMMAND)
+    loop = ControlNode(node, PathFollower(bad, BEND), options_of())
+    with pytest.raises(StoppedError, match="ZeroDivisionError"):
+        loop.run()
+    assert stands(node)
+    loop, node, follower = with_robot(lab)
+    command = follower.command
+
+    def broken(now: float, fault: str = "") -> Any:
+        if now > 103.0:
+            raise MemoryError
+        return command(now, fault)
+
+    follower.command = broken  # type: ignore[method-assign]
+    with pytest.raises(MemoryError):
+        loop.run()
+    assert stands(node)
+    assert np.any(commands(node)[1][-12] != 0.0), "ten commands, or by rounding eleven"
+
+
 @pytest.mark.parametrize("moves", [True, False])
 def test_a_robot_that_did_not_move_is_asked_by_creeping_only_with_auto(
     lab: Profile, moves: bool
@@ -456,7 +529,8 @@ def test_it_does_not_start_under_an_emergency_stop(lab: Profile) -> None:
 
 
 @pytest.mark.parametrize(
-    ("late", "dead_time", "warned"), [(0.0, 0.2, False), (0.2, 0.2, True), (0.0, 0.45, True)]
+    ("late", "dead_time", "warned"),
+    [(0.0, 0.2, False), (0.2, 0.2, True), (0.0, 0.45, True), (0.0, 0.5, True)],
 )
 @pytest.mark.parametrize("name", ["pid", "mpc"])
 def test_late_odometry_is_said(

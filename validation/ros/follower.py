@@ -303,7 +303,7 @@ class PathFollower:
     def _go_on(self, t: float, seen: Observation) -> None:
         """Judge where the robot is on the reference: astray, near its target, or at its rest."""
         place, off = self._nearest_place(self._place, seen.x, seen.y)
-        if place > self._place or t < self.waypoints.duration:
+        if place > self._place + 1e-6 or t < self.waypoints.duration:  # not by rounding
             self._advanced_at = t
         self._place = max(place, self._place)
         if off > _ASTRAY + self.lookahead:

@@ -490,6 +490,43 @@ def test_either_side_may_be_started_again(tmp_path: Path, graph: Graph) -> None:
     assert status == 0, text_of(log)
 
 
+def test_a_path_in_the_tracking_systems_frame_is_driven_there(tmp_path: Path, graph: Graph) -> None:
+    """The file names the frame, and the robot stands at its beginning, turned by half a radian."""
+    way = tmp_path / "way.csv"
+    rows = [f"{1.0 + d * math.cos(0.5)},{2.0 + d * math.sin(0.5)},world" for d in (0.0, 0.3, 0.6)]
+    way.write_text("\n".join(["x,y,frame", *rows]), encoding="utf-8")
+    out = tmp_path / "out"
+    command = control_along(way, out, "--feedback", "pose")
+    for _ in range(3):  # a machine that stalls for half a second has the robot stopped
+        with process(tmp_path, graph, "sim", "--no-noise", "--start", "1,2,0.5"):
+            with process(tmp_path, graph, *command) as (controller, log):
+                status = controller.wait(2.0 * PATIENCE)
+        if status == 0 or "no feedback for" not in text_of(log):
+            break
+    assert status == 0, text_of(log)
+    document = json.loads((out / "track.json").read_text(encoding="utf-8"))
+    assert document["options"]["frame"] == "world"
+    assert document["metrics"]["d_rms_m"] < 0.05
+
+
+def test_a_localisers_pose_is_heard_as_a_tracking_systems(graph: Graph, cyclone: Any) -> None:
+    kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    peer = Peer(cyclone, graph)
+    pose = msg.pose_message(1.0, "map", np.array([1.0, 2.0, 0.5]))
+    localised = {"header": pose["header"], "pose": {"pose": pose["pose"]}}
+    with joined(graph) as node:
+        node.subscribe("/amcl_pose", "geometry_msgs/msg/PoseStamped", msg.read_pose)
+        writer = peer.writer("/amcl_pose", kind)
+
+        def came() -> Any:
+            writer.write(dds._idl_message(kind, localised))
+            return node.receive()
+
+        stamp, seen, frame = wait_for(came, "a pose")[0][1]
+    assert (stamp, frame) == (1.0, "map")
+    assert seen[:3] == pytest.approx([1.0, 2.0, 0.5])
+
+
 Odometry = dict[str, Any]
 
 

@@ -213,7 +213,7 @@ def test_a_fit_that_is_worse_on_held_out_data_keeps_the_old_numbers(tmp_path: Pa
     options = [*args, "--profile", "thesis-lab", "--free", "alpha_l,alpha_r", "--horizons", "2"]
     measured = fitted(tmp_path / "kept", *options)
     assert measured["better"] is False
-    assert "larger than before" in measured["notes"][0]
+    assert "no better on held-out data" in measured["notes"][0]
     assert (
         load_profile(tmp_path / "kept" / "profile.toml").plants["kinematic"]
         == lab.plants["kinematic"]

@@ -149,8 +149,9 @@ def table(o: Side) -> SideBySide:
         if not named:
             raise ValueError(f"no result has a '{name}'; there are: {', '.join(there)}")
         for row, shown in zip(rows, chosen, strict=True):
-            keys = sorted(named & row.keys())
-            if len(keys) > 1:
+            # the run's own number stands nearer to the top than those of others beside it
+            keys = sorted(named & row.keys(), key=lambda key: key.count("."))
+            if len(keys) > 1 and keys[0].count(".") == keys[1].count("."):
                 raise ValueError(f"'{name}' may be {', '.join(keys)}; write one of them")
             shown[name] = row[keys[0]] if keys else None
     return SideBySide(title="Results side by side", rows=chosen)

@@ -61,9 +61,11 @@ class Common(Options):
     """Folder for the files; runs/PROGRAM/... if not given. A file that ends in .png, .pdf or .svg
     is the picture alone, and the other files are in runs/PROGRAM/... ."""
     plain: bool = False
-    """Draw the picture for a paper: no title, no notes and no line on how it was made."""
+    """Draw the picture for a paper: as wide as two columns, with letters of 7 points, and without
+    title, notes and the line on how it was made."""
     overwrite: bool = False
-    """Replace files that are there already."""
+    """Replace files that this program did not write; its own of an earlier run it always
+    replaces."""
     config: AnyPath = None
     """JSON file of a run of this program: its options hold where no others are given."""
     progress: tyro.conf.Suppress[output.Progressing] = output.ignore_progress

@@ -243,8 +243,8 @@ def worse_sentences(
     if even_if_worse:
         kept = "has the fitted numbers all the same"
     return [
-        f"The fit's error on held-out data is larger than before, {now:.3g} m instead of "
-        f"{was:.3g} m: profile.toml {kept}."
+        f"The fit is no better on held-out data than what was before, by the cost that it lowered: "
+        f"{now:.4g} instead of {was:.4g}. profile.toml {kept}."
     ]
 
 

@@ -449,7 +449,7 @@ def uncertainty_sentences(
         errors = [p.text(float(f"{e:.2g}")) for e in (uncertainty.standard_error[k], known[k])]
         out.append(
             f"The data hardly determine {p.name}: its standard error is {errors[0]}, and "
-            f"{errors[1]} without any data; {advice}."
+            f"{errors[1]} would be the spread of one drawn from its bounds; {advice}."
         )
     for i, j in combinations(range(len(names)), 2):
         r = float(uncertainty.correlation[i, j])

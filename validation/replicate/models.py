@@ -66,7 +66,8 @@ def _fit_model(model: str, task: Task) -> Findings:
     reached = float(finished_results(again)["cost"])
     obstacle = ""
     if found["cost"] > FACTOR * reached:
-        obstacle = f"{UNCONVERGED}: its cost is {found['cost']:.3g}, and {reached:.3g} is reached"
+        costs = f"its cost is {found['cost']:.3g}, and another search reaches {reached:.3g}"
+        obstacle = f"{UNCONVERGED}: {costs}"
     words = {
         "called": "Coulomb" if model == "coulomb" else model,
         "parameters": parameters,

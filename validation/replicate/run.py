@@ -62,7 +62,8 @@ class Replicate(cli.Common):
     """Options of `replicate`."""
 
     quick: bool = False
-    """Use reduced budgets, which take under three minutes."""
+    """Use reduced budgets, which take under three minutes: to see that all runs, for fits do not
+    converge and are not compared."""
     only: Sequence[str] = ()
     """Sections or tables to run, such as 3.9,4.5 or noise; all if not given. A wrong name lists
     all sections."""
@@ -145,7 +146,7 @@ class Replication(Report):
     def to_markdown(self) -> str:
         """Return the page: the meaning of the verdicts, their counts, and every chapter."""
         counts = _count_verdicts(self.rows)
-        lead = _leading_text(self.options["quick"], self.findings, self.unexplained, counts)
+        lead = _leading_text(self.options, self.findings, self.unexplained, counts)
         lines = [lead, "", *markdown_table(self.tables()[0])]
         for chapter in self.chapters:
             lines += chapter.markdown()
@@ -239,7 +240,7 @@ def _is_unexplained(row: JudgedRow) -> bool:
 
 
 def _leading_text(
-    quick: bool, findings: Mapping[str, Findings], unexplained: Sequence[str], counts: _Counts
+    options: Document, findings: Mapping[str, Findings], unexplained: Sequence[str], counts: _Counts
 ) -> str:
     """Return the page's beginning: what the verdicts mean, and how many rows have which."""
     missing = [s.key for s in ALL_SECTIONS if s.key not in findings]
@@ -250,7 +251,8 @@ def _leading_text(
         explained = f"Unexplained: {', '.join(unexplained)}."
     haste = " It was made with `--quick`: fewer generations and seeds, so less can be concluded."
     words: Document = {
-        "quick": haste if quick else "",
+        "quick": haste if options["quick"] else "",
+        "seed": options["seed"],
         "unexplained": explained,
         "missing": f"Left out: {', '.join(missing)}." if missing else "",
         "rows": counts.total(),

@@ -38,7 +38,6 @@ from validation.report.driven import MARKERS
 from validation.report.motions import Motions, headline_error
 from validation.report.scene_robots import Track
 from validation.simulator.description import WHEELS
-from validation.simulator.health import health_verdict
 from validation.simulator.wheel_loads import QUASI_STATIC
 
 if TYPE_CHECKING:
@@ -236,11 +235,6 @@ class Comparison(Motions):
                     gid=f"{wheel} quasi-static",
                 )
         title = "Wheel loads [N] (dotted: quasi-static)"
-        run = self.runs.get(track.name)
-        if run is not None and (health := run.health) is not None:
-            title += (
-                f": {health_verdict(health)}, least {health['lowest_load_share']:.0%} of the mean"
-            )
         draw_curves(curves, 10.0, ax, title=title, **self.time_axis)
         ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.95), ncols=4, **KEY)
 

@@ -225,6 +225,14 @@ class Motions(DrivenRobots):
             notes += standing_sentences(self.source, headline)
         if self.gyro is not None:
             notes.append(self.gyro.sentence)
+        for names in self.distinct:
+            if ", " in names:
+                notes.append(
+                    f"{names}: wheel rates are given, so frictions and motors have no part in it, "
+                    "and planar models are one kinematics with a centre of turns of their own; the "
+                    f"numbers of their row are of {names.split(', ')[0]}, and the others' differ "
+                    f"by less than {100.0 * _ALIKE:g} %"
+                )
         return [*notes, *self.source.warnings, *_alike_sentences(self.scores, self.alike)]
 
     def document(self) -> Document:

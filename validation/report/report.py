@@ -165,7 +165,8 @@ class Report:
 
         Args:
             path: the file; its ending says what it becomes: .png, .pdf or .svg.
-            plain: whether its title, notes and foot are left out, and the page is cut to the rest.
+            plain: whether its title, notes and foot are left out, and the rest is as wide as two
+                columns of a journal, with letters of 7 points or more.
 
         Raises:
             OSError: the file cannot be written.

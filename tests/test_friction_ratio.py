@@ -15,7 +15,7 @@ from validation.engines.ode import OdeBody
 from validation.engines.plant import EnginePlant
 from validation.files.csv_logs import write_csv
 from validation.files.log import Log
-from validation.fit import Fit, run_fit
+from validation.fit import Fit, fit, run_fit
 from validation.plants.profile import bare_profile
 from validation.plants.searchable import with_values
 from validation.plants.table import plant_kind
@@ -90,3 +90,9 @@ def test_only_capsules_in_mujoco_have_a_ratio_to_be_fitted() -> None:
     other = bare_profile(load_robot("husky")).section("mujoco")
     for name, section in {"ode": BODY, "mujoco": other}.items():
         assert plant_kind(name).held(section.parameters) == ("friction_ratio",)
+
+
+def test_a_ratio_that_tyres_cannot_have_is_refused_and_not_searched(tmp_path: Path) -> None:
+    log = drive_log(tmp_path / "log.csv", 1.0)
+    with pytest.raises(ValueError, match=r"friction_ratio: .* needs wheel_shape 'capsule'"):
+        fit("mujoco", log, robot="husky", input="wheels", free=("friction_ratio",))

@@ -43,8 +43,8 @@ class GyroJudge:
     """(M,) the same headings of each piece, delayed as the localiser's are, so that both can be
     compared [rad]."""
     steady: tuple[FloatArray, ...]
-    """(M,) these delayed headings of each piece with the scale and the drift of the localiser's
-    [rad]: it is right in the long run, and the gyro in the short."""
+    """(M,) means of the localiser's headings and these delayed ones with its scale and drift [rad]:
+    two that judge alike know more than each."""
     apart: float
     """Median difference between the turns by gyro and by localiser over 6 s [rad]."""
 
@@ -135,7 +135,10 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
         loss="soft_l1",
         f_scale=max(apart, _EQUAL),
     ).x
-    steady = [scale * way + drift * m.t for way, m in zip(delayed, motions, strict=True)]
+    steady = [
+        0.5 * (scale * way + drift * m.t + m.pose[:, 2])
+        for way, m in zip(delayed, motions, strict=True)
+    ]
     return GyroJudge(put("wheels", bias), delayed, tuple(steady), apart)
 
 

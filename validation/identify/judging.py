@@ -33,12 +33,17 @@ def build_level_plant(model: str, plant: PlantProfile) -> Plant:
 def require_possible(problem: FitProblem, given: Container[str]) -> None:
     """Refuse numbers that no candidate can have.
 
-    Those are the profile's, and given bounds of mass and inertia that no body has. Where default
-    bounds reach farther than a robot's other numbers allow, candidates beyond are rated as
-    impossible.
+    Those are the profile's, a number that can go to neither of its bounds, and given bounds of mass
+    and inertia that no body has. Where default bounds reach farther than a robot's other numbers
+    allow, candidates beyond are rated as impossible.
     """
     ends: list[dict[str, float]] = [{}]
-    for p in problem.space.parameters:
+    for k, p in enumerate(problem.space.parameters):
+        both = np.tile(problem.begun, (2, 1))
+        both[:, k] = 0.0, 1.0
+        # a number that may go nowhere, as a ratio of frictions on tyres that have one
+        if not any(map(problem.candidate, both)):
+            ends.append({p.name: p.lower})
         is_inertia = p.name in ("yaw_inertia", "mass") and problem.model in SIMULATED
         if is_inertia and p.name in given:
             ends += [{p.name: p.lower}, {p.name: p.upper}]

@@ -15,7 +15,7 @@ from ssmr.metrics.declared import Metrics
 from ssmr.metrics.windows import horizon_windows, overlapping_windows
 from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
-from validation.experiment.gyro import find_gyro_judge, with_gyro
+from validation.experiment.gyro import find_gyro_judge
 from validation.experiment.scores import score_windows, standing_sentences
 from validation.experiment.sources import (
     WindowCut,
@@ -244,25 +244,3 @@ def test_pieces_of_a_log_with_many_gaps_hold_no_table_each() -> None:
         parts = [getattr(piece, name) for piece in source.pieces]
         held = {id(part.base): part.base.nbytes for part in parts}
         assert sum(held.values()) <= len(columns["t"])
-
-
-@pytest.mark.parametrize("scale", [0.98, 1.0, 1.02])
-def test_a_gyro_of_any_scale_and_bias_halves_the_noise_of_what_a_fit_follows(scale: float) -> None:
-    """Where both judge alike, the gyro is free of noise, and the localiser of errors that grow."""
-    columns = drive(120.0, slow=0.3)
-    log = Log.of_columns("log.csv", {**columns, "gyro_z": scale * columns["gyro_z"] + 0.01})
-    (piece,) = with_gyro(open_source(log)).pieces
-    assert piece.headings is None
-    i, j = piece.windows(overlapping_windows, piece.t, 6.0)
-    t = columns["t"]
-    true = integrate_rates(t, columns["cmd_w"])
-
-    def off(way: FloatArray) -> float:
-        """Return the median error at the delay that a fit would find [rad]."""
-        errors = []
-        for late in (-0.05, -0.025, 0.0, 0.025, 0.05):
-            then = np.interp(t - late, t, true)
-            errors.append(np.median(np.abs(way[j] - way[i] - then[j] + then[i])))
-        return float(min(errors))
-
-    assert off(piece.guides) < 0.7 * off(piece.reference.pose[:, 2])

@@ -27,8 +27,6 @@ _WORST_RAD = 0.02
 0.016."""
 _LEAST_CORRELATION = 0.5
 """Correlation of their turns below which the gyro measures something else."""
-_EQUAL = 1e-9
-"""Size of a difference that is none [rad]."""
 _SAME_MOTION = 0.9
 """Least correlation of gyro and wheels from which the delay between them is known."""
 
@@ -42,9 +40,6 @@ class GyroJudge:
     late: tuple[FloatArray, ...]
     """(M,) the same headings of each piece, delayed as the localiser's are, so that both can be
     compared [rad]."""
-    steady: tuple[FloatArray, ...]
-    """(M,) means of the localiser's headings and these delayed ones with its scale and drift [rad]:
-    two that judge alike know more than each."""
     apart: float
     """Median difference between the turns by gyro and by localiser over 6 s [rad]."""
 
@@ -82,8 +77,6 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     Sign, bias and clock are put right. The localiser shows the sign. The bias is the mean at rest
     or, where the robot never stands, the median drift between gyro and localiser.
     """
-    from scipy.optimize import least_squares  # here: it takes 34 MB and half a second to import
-
     inspected = source.inspected
     pairs = [(piece, piece.reference) for piece in source.pieces if piece.reference is not None]
     if inspected is None or "gyro_z" not in inspected.log.columns:
@@ -127,37 +120,21 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     else:
         bias = rest.bias
     delayed = put("pose_yaw", bias)
-    turns, seconds = turned(delayed), turned([m.t for m in motions])
-    apart = float(np.median(np.abs(turns - pose)))
-    scale, drift = least_squares(
-        lambda c: c[0] * turns + c[1] * seconds - pose,
-        (1.0, 0.0),
-        loss="soft_l1",
-        f_scale=max(apart, _EQUAL),
-    ).x
-    steady = [
-        0.5 * (scale * way + drift * m.t + m.pose[:, 2])
-        for way, m in zip(delayed, motions, strict=True)
-    ]
-    return GyroJudge(put("wheels", bias), delayed, tuple(steady), apart)
+    apart = float(np.median(np.abs(turned(delayed) - pose)))
+    return GyroJudge(put("wheels", bias), delayed, apart)
 
 
 def with_gyro(source: Source) -> Source:
-    """Return a source with the headings of its gyro, if it has one of use.
+    """Return a source with the headings of its gyro, where this is the first judge of them.
 
-    Where the gyro is the first judge of headings, they judge, as late as the source's own, and a
-    remark says why. Else they only guide a fit. A source that has them stays as it is.
+    They are as late as its own; a remark says why. A source that has them stays as it is.
     """
-    if any(piece.guides is not None for piece in source.pieces):
+    if any(piece.headings is not None for piece in source.pieces):
         return source
     judge = find_gyro_judge(source)
-    if judge is None:
+    if judge is None or not judge.first:
         return source
-    pieces = []
-    for piece, late, steady in zip(source.pieces, judge.late, judge.steady, strict=True):
-        if judge.first:
-            pieces.append(replace(piece, headings=late, guides=late))
-        else:
-            pieces.append(replace(piece, guides=steady))
-    remarks = (f"{source.title}: {judge.sentence}",) * judge.first
-    return replace(source, pieces=tuple(pieces), remarks=(*source.remarks, *remarks))
+    pairs = zip(source.pieces, judge.late, strict=True)
+    pieces = tuple(replace(piece, headings=headings) for piece, headings in pairs)
+    remarks = (*source.remarks, f"{source.title}: {judge.sentence}")
+    return replace(source, pieces=pieces, remarks=remarks)

@@ -100,8 +100,6 @@ class Piece:
     headings: FloatArray | None = None
     """(M,) headings of a better judge than the reference's, as late as these [rad]; None without
     one."""
-    guides: FloatArray | None = None
-    """(M,) headings that a fit follows in place of the reference's [rad]; None without any."""
     begins: tuple[float, float] = (-math.inf, math.inf)
     """Stamps from which on and before which windows may begin [s]."""
     torques: FloatArray | None = None

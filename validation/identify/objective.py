@@ -307,8 +307,8 @@ class _HorizonRater(Rater):
         for (starts, _), count in zip(windows, counts, strict=True):
             weights.append(np.full(len(starts), 1.0 / (count * len(windows))))
         self._moved = relative_pose(truth.pose[self._starts], truth.pose[self._ends])
-        # a gyro may tell turns better than the poses do
-        heading = truth.yaw if piece.guides is None else piece.guides
+        # a gyro may judge turns better than the poses do
+        heading = truth.yaw if piece.headings is None else piece.headings
         self._moved[:, 2] = heading[self._ends] - heading[self._starts]
         blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
         super().__init__(piece, cost, np.concatenate(weights), blocks)

@@ -170,7 +170,7 @@ class FitProblem:
             data.update(source.name.rpartition("/")[2].encode(errors="surrogatepass"))
             for piece in source.pieces:
                 truth = true_motion(piece)
-                arrays = [piece.commands.values, truth.t, truth.pose, piece.guides, piece.torques]
+                arrays = [piece.commands.values, truth.t, truth.pose, piece.headings, piece.torques]
                 for array in arrays:
                     if array is not None:
                         data.update(np.ascontiguousarray(array).tobytes())

@@ -40,11 +40,9 @@ from ssmr.types import FloatArray
 _STEP_PERIODS = 2
 """Command periods in a step of the plan; the first step is one period long, because its command is
 held no longer."""
-_CATCH_UP = 1.02
-"""Speed over that of the path of a robot that is behind its clock in a bend [1]."""
 _HASTE = 0.2
-"""By this share of the path's speed a robot that is behind its clock may drive faster on straights,
-and by this share of its greatest speed any plan may [1]."""
+"""By this share of the path's speed a robot that is behind its clock may drive faster, in bends as
+far as time is certain, and by this share of its greatest speed any plan may [1]."""
 _SLOWEST_RATE = 0.75
 """Least speed over that of the path [1]."""
 _CATCH_TIME = 2.0
@@ -359,7 +357,8 @@ class Mpc:
         hurry = min(max((at - place) * self._fastest / _BEHIND - 1.0, 0.0), 1.0)
         trust = min(_CERTAIN / self.spread, 1.0)
         trust += hurry * (1.0 - trust)
-        room = _CATCH_UP * trust * self._bend / max(bend, 1e-9)
+        spare = max(1.0 - (self.spread / _CERTAIN) ** 2, 0.0)
+        room = (1.0 + _HASTE * spare) * trust * self._bend / max(bend, 1e-9)
         most = min(max(room, _SLOWEST_RATE), 1.0 + _HASTE * trust)
         self._rate = min(max(1.0 + (at - place) / _CATCH_TIME, _SLOWEST_RATE), most)
         return place + self._rate * self._edges

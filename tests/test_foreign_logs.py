@@ -389,3 +389,27 @@ def test_what_no_mistake_explains_is_said_with_its_number() -> None:
     assert {"x", "y"} <= {*fault.columns}
     assert "no mistake that is looked for explains it" in fault.sentence
     assert float(fault.sentence.partition("disagree by ")[2].split()[0]) > 2.0
+
+
+def test_noise_of_a_robot_that_stands_is_no_fault() -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 40.0, 0.02)
+    names = ("enc_left", "enc_right", "gyro_z", "x", "y", "yaw")
+    noise = dict(zip(names, 0.003 * rng.standard_normal((len(names), len(t))), strict=True))
+    found = Inspected(Log.of_columns("log.csv", {"t": t, **noise}), 0.165)
+    assert not found.faults
+    assert any("the robot stands" in sentence for sentence in found.lacks)
+
+
+@pytest.mark.parametrize(
+    ("time", "number"), [("{:g} sec", "{:g}"), ("{:g}", "\u2212{:g}")], ids=["MATLAB", "Swedish"]
+)
+def test_numbers_are_read_as_matlab_and_excel_write_them(
+    tmp_path: Path, time: str, number: str
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{time.format(0.1 * k)};{number.format(0.5 + k)}" for k in range(5)]
+    path.write_text("\n".join(["t;gyro_z", *rows]), encoding="utf-8")
+    log = open_log(path).log
+    np.testing.assert_allclose(log.t, 0.1 * np.arange(5))
+    np.testing.assert_allclose(np.abs(log.columns["gyro_z"]), 0.5 + np.arange(5))

@@ -354,10 +354,13 @@ def _next_step(o: LogOptions, found: Inspected) -> str:
             "next: correct the faults in the log, for every comparison and fit believes its columns"
         )
     if missing := [name for name in POSE_COLUMNS if not log.has((name,))]:
-        others = ", ".join(name for name in log.columns if name not in COLUMNS)
+        moving = (name for name, values in log.columns.items() if np.ptp(values) > 0.0)
+        others = ", ".join(name for name in moving if name not in COLUMNS)
         remedy = ""
         if others:
-            remedy = f"; if one of {others} is it, --columns {missing[0]}=NAME says so"
+            unit = "radians" if missing[0] == "yaw" else "metres"
+            remedy = f"; if one of {others} is {missing[0]} in {unit}, --columns {missing[0]}=NAME "
+            remedy += "says so"
         return (
             f"there is no {', '.join(missing)}, so no prediction of a pose can be judged"
             f"{remedy}; {_without_pose(found.signals)}"

@@ -394,7 +394,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "<limit effort> or the plugin's <torque>",
         "forcerange, ctrlrange or <flag actuation>",
         "effort",
-        "{written} lets the motors {motors} of {wheels} give {effect:.3g} N m" + _NEED,
+        "{written} lets the {motors} of {wheels} give {effect:.3g} N m" + _NEED,
         under="need",
         mend="motors",
     ),
@@ -525,11 +525,12 @@ def weigh_influences(robot: Robot, foreign: ForeignRobot) -> list[Weighed]:
         if most <= 0.0:
             continue
         said = share >= min(NOTICED, most)
+        named = [name for name in motors[said].tolist() if name]
         words = {
             "written": line.mjcf if foreign.kind == "mjcf" else line.written,
             "effect": float(effect[worst]),
             "wheels": "all four wheels" if said.all() else ", ".join(names[said]),
-            "motors": ", ".join(motors[said]),
+            "motors": " ".join(["motors", ", ".join(named)]).strip(),
         }
         severity: Literal["fault", "question", ""] = ""
         if most >= NOTICED:

@@ -379,6 +379,10 @@ def _number(cell: str) -> float:
         pass
     if _DATE.match(cell):
         return _date(cell.replace(",", "."))
+    # Swedish Excel has a minus of its own; MATLAB writes durations as "0.02 sec"
+    plain = cell.replace("\u2212", "-").removesuffix(" sec")
+    if plain != cell:
+        return _number(plain)
     if "," in cell and "." not in cell:
         return _number(cell.replace(",", ".")) if cell.count(",") == 1 else math.nan
     return math.nan

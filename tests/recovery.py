@@ -77,13 +77,13 @@ def drawn(seed: int) -> dict[str, float]:
     return {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
 
 
-def noisy_target(truth: Mapping[str, float], seed: int) -> Source:
+def noisy_target(truth: Mapping[str, float], seed: int, seconds: float = SECONDS) -> Source:
     """Return what sensors see of the robot with these numbers along a part of trajectory 4."""
     lab = load_profile("thesis-lab")
     section = with_values("mujoco", lab.section("mujoco"), list(truth), truth.values())
     source = open_source("traj4@mujoco")
     commands = source.pieces[0].commands
-    kept = replace(commands, values=commands.values[: round(SECONDS / commands.dt)])
+    kept = replace(commands, values=commands.values[: round(seconds / commands.dt)])
     piece = replace(source.pieces[0], commands=kept)
     plant = make_plant(Profile("drawn", "", {"mujoco": section}, {}), "mujoco")
     motion = drive_piece(plant, piece, section.localiser, source.sample_dt)

@@ -455,7 +455,7 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        36_235,
+        36_280,
         16,
         99,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "

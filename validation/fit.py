@@ -442,13 +442,14 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     space = make_space(o.model, searched, cli.read_value(o.bounds), begun.robot)
     before = np.array([find_number(o.model, name, begun.robot).read(begun) for name in space.names])
     start = None
-    notes = []
+    notes = list[str]()
     if o.guess is not None or o.search == "lsq" or occasion != "scenario":
         start = beginning.first_points(o.guess, space, before)
     for warning in dict.fromkeys(chain(*(source.warnings for source in chain(*opened)))):
         warn(warning)
-    yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
-    yaw_weight = yaw_weight if o.yaw_weight is None else o.yaw_weight
+    yaw_weight = o.yaw_weight
+    if yaw_weight is None:
+        yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
     cost = FitCost(
         o.objective,
         tuple(cli.read_value(o.horizons)),
@@ -469,20 +470,21 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
         names = beginning.searched_names(
             (), plant_kind(beginning.FIRST_FITTED).free[occasion], o.fix, sources
         )
-        start = beginning.begin_at(problem, base.section(beginning.FIRST_FITTED), names, o)
+        first = base.section(beginning.FIRST_FITTED)
+        start = beginning.begin_at(problem, first, names, o, notes)
         untold = beginning.friction_left_untold(problem, start, o)
         for name, value in zip(compress(space.names, untold), before[untold], strict=True):
             notes.append(
                 f"{name} is held at {value:.3g}: neither torques nor the speed of this motion "
                 "tell it."
             )
-        if notes:
+        if untold.any():
             space = ParameterSpace(tuple(compress(space.parameters, ~untold)))
             problem = FitProblem(o.model, begun, space, sources, cost, held)
             start = start[:, ~untold]
             before = before[~untold]
     method = o.search or usual_search(o, problem)
-    settings = o.settings(SETTINGS[method, o.model in SIMULATED])
+    settings = o.settings(SETTINGS[method][o.model in SIMULATED])
     search = search_for(problem, settings, o, start, method)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
@@ -544,9 +546,7 @@ def _report_fit(
     options["search"] = search.method
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
-    motions = []
-    for source in problem.sources:
-        motions.append(motions_of(problem, plant_on(problem, point, source), source))
+    motions = [motions_of(problem, plant_on(problem, point, s), s) for s in problem.sources]
     train, together = scores_by_source(problem.sources, motions)
     begun = with_robot(base.name, base.robot.name)
     return Fitted(

@@ -28,7 +28,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.experiment.sources import RECORDING, Source
-from validation.identify.problem import FitProblem
+from validation.identify.problem import FitProblem, turning_doubt
 from validation.identify.search import SETTINGS, Searching, search_for
 from validation.identify.uncertainty import estimate_uncertainty
 from validation.output import ignore_progress
@@ -76,19 +76,21 @@ def first_points(
     for name in named:
         if name not in (*space.names, *numbers):
             raise ValueError(f"guess names {name}, which is not free")
-    values = []
     within = np.clip(before, space.lower, space.upper)
-    for name, number, value in zip(space.names, numbers, within, strict=True):
-        values.append(named.get(name, named.get(number, value)))
+    values = [
+        named.get(name, named.get(number, value))
+        for name, number, value in zip(space.names, numbers, within, strict=True)
+    ]
     return space.points(np.array([values]))
 
 
 def begin_at(
-    body: FitProblem, first: PlantProfile, names: Sequence[str], o: Searching
+    body: FitProblem, first: PlantProfile, names: Sequence[str], o: Searching, notes: list[str]
 ) -> FloatArray:
     """Return the (1, n) candidate that has what the kinematic plant `first` finds in the logs.
 
-    The plant's numbers `names` are fitted to the logs of the body's problem. Weight ahead of the
+    The plant's numbers `names` are fitted to the logs of the body's problem; a sentence of `notes`
+    says where the robot turns less than a body that slides can. Weight ahead of the
     middle makes the same turn as weight behind it: the candidate has that which errs less.
 
     Raises:
@@ -99,7 +101,7 @@ def begin_at(
     space = make_space(FIRST_FITTED, names, {}, robot)
     problem = FitProblem(FIRST_FITTED, first, space, body.sources, body.cost, body.held)
     alone = replace(o, out=None, resume=False, progress=ignore_progress)
-    search = search_for(problem, SETTINGS["hybrid", False], alone, problem.begun[None], "hybrid")
+    search = search_for(problem, SETTINGS["hybrid"][0], alone, problem.begun[None], "hybrid")
     if search.interrupted:
         raise KeyboardInterrupt
     numbers = dict(zip(names, space.values(search.best).tolist(), strict=True))
@@ -108,6 +110,13 @@ def begin_at(
     # wheels of its own roll as the shares of those say
     numbers["wheel_radius"] = 0.5 * first.vehicle.wheel_radius * (p.alpha_l + p.alpha_r)
     numbers["radius_difference"] = first.vehicle.wheel_radius * (p.alpha_l - p.alpha_r)
+    # weight off the middle makes a turn easier, and nothing that slides makes it so much harder
+    share = 0.5 * (p.y_l - p.y_r) * turn_on_the_spot(robot.wheelbase, robot.track, 0.0).yaw_rate
+    if share > 1.0 + turning_doubt(robot):
+        notes.append(
+            f"Its wheels turn {share:.2f} times as much for a turn as those of a body that slides: "
+            "wheels hop, or something else resists, so friction is not to be believed."
+        )
     x, icr = 0.0, 0.0
     if "com_x" in body.space.names:
         x, icr = _weight_for_turn(robot, p.y_l - p.y_r)
@@ -175,7 +184,8 @@ def amplitude_sentences(problem: FitProblem, held: Sequence[str]) -> list[str]:
 def friction_left_untold(problem: FitProblem, start: FloatArray, o: Searching) -> NDArray[np.bool_]:
     """Return the (n,) frictions of a body that the logs hardly tell, by derivatives at a start.
 
-    The standard error to expect is then about as large as what is known without the logs.
+    The standard error to expect is then about as large as what is known without the logs. Without
+    torques a simulated body slips by its contact's softness, a guess, as much as by its friction.
     """
     asked = np.array(
         [
@@ -183,6 +193,8 @@ def friction_left_untold(problem: FitProblem, start: FloatArray, o: Searching) -
             for name in problem.space.names
         ]
     )
+    if problem.model in SIMULATED and not problem.torques:
+        return asked
     with contextlib.suppress(SsmrError, np.linalg.LinAlgError):
         sure = estimate_uncertainty(problem.coarser() or problem, start[0], o.raters, foreseen=True)
         return asked & sure.untold

@@ -303,9 +303,10 @@ class _HorizonRater(Rater):
         windows = [piece.windows(overlapping_windows, truth.t, h) for h in cost.horizons]
         self._starts = np.concatenate([starts for starts, _ in windows])
         self._ends = np.concatenate([ends for _, ends in windows])
-        weights = []
-        for (starts, _), count in zip(windows, counts, strict=True):
-            weights.append(np.full(len(starts), 1.0 / (count * len(windows))))
+        weights = [
+            np.full(len(starts), 1.0 / (count * len(windows)))
+            for (starts, _), count in zip(windows, counts, strict=True)
+        ]
         self._moved = relative_pose(truth.pose[self._starts], truth.pose[self._ends])
         # a gyro may judge turns better than the poses do
         heading = truth.yaw if piece.headings is None else piece.headings

@@ -61,15 +61,11 @@ _SIZES = ("population", "generations", "patience")
 Method = Literal["jde", "hybrid", "descents", "lsq"]
 """Searches of a fit: differential evolution; a short one, then least squares; least squares from
 random starts, then a simplex; or least squares from one start."""
-SETTINGS: Mapping[tuple[Method, bool], JdeSettings] = {
-    ("jde", False): JdeSettings(50, 300),
-    ("jde", True): JdeSettings(20, 90),
-    ("hybrid", False): JdeSettings(20, 10),
-    ("hybrid", True): JdeSettings(20, 4),
-    ("descents", False): JdeSettings(20, 1),  # of which only the first population is drawn
-    ("descents", True): JdeSettings(20, 1),
-    ("lsq", False): JdeSettings(5, 1),  # of which only the first candidate is rated
-    ("lsq", True): JdeSettings(5, 1),
+SETTINGS: Mapping[Method, tuple[JdeSettings, JdeSettings]] = {
+    "jde": (JdeSettings(50, 300), JdeSettings(20, 90)),
+    "hybrid": (JdeSettings(20, 10), JdeSettings(20, 4)),
+    "descents": (JdeSettings(20, 1),) * 2,  # of which only the first population is drawn
+    "lsq": (JdeSettings(5, 1),) * 2,  # of which only the first candidate is rated
 }
 """Usual settings of jDE for planar models (`jde`: Tab. 3.7 of the thesis) and simulated bodies."""
 STARTS_OF: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "descents": STARTS + 1, "lsq": 1}
@@ -362,10 +358,11 @@ class Search:
             with opened(path) as content, np.load(content, allow_pickle=False) as file:
                 data = dict(file)
             was = dict(json.loads(str(data["identity"])))
-            state = {}
-            for name, value in data.items():
-                if name.startswith("jde_"):
-                    state[name.removeprefix("jde_")] = value
+            state = {
+                name.removeprefix("jde_"): value
+                for name, value in data.items()
+                if name.startswith("jde_")
+            }
             jde = Jde.restore(state)
             wall_s = float(frozen_array(data["wall_s"], "wall_s", ()))
             memories = []
@@ -406,9 +403,9 @@ def search_for(
     """
     plain = {**problem.identity(), "settings of the search": asdict(settings)}
     plain |= {"start": None if start is None else start.tolist(), "seed": o.seed, "search": method}
-    identity = {}
-    for name, value in plain.items():
-        identity[name] = hashlib.sha256(repr(value).encode()).hexdigest()
+    identity = {
+        name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()
+    }
     search = Search(Jde(len(problem.space), settings, o.seed, start), identity)
     if o.resume and o.checkpoint is None:
         raise ValueError("resume needs the folder out, with a checkpoint to continue from")

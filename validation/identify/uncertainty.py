@@ -260,13 +260,11 @@ def _points_without_parts(
     gradients = slopes * pull[:, None]
     # nothing at an optimum; where a bound holds a number, no reason to go
     gradients -= gradients.mean(axis=0)
-    points = []
-    for k in range(part.max() + 1):
-        rest = part != k
-        points.append(
-            point + _newton_step(slopes[rest], stiffness[rest], -gradients[~rest].sum(axis=0))
-        )
-    return np.clip(points, 0.0, 1.0)
+    steps = [
+        _newton_step(slopes[part != k], stiffness[part != k], -gradients[part == k].sum(axis=0))
+        for k in range(part.max() + 1)
+    ]
+    return np.clip(point + np.array(steps), 0.0, 1.0)
 
 
 def _with_days(

@@ -24,7 +24,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar
@@ -35,10 +35,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core import config as numba_config
 from numba.core.caching import IndexDataCacheFile
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompileResult
+from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
-from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 from ssmr.types import FloatArray
@@ -46,14 +44,11 @@ from ssmr.types import FloatArray
 config: Any = numba_config
 """Settings of numba, which it reads from the environment when it is imported; no stub declares
 them."""
-_Library: Any = JITCodeLibrary
-_Compiler: Any = Compiler
-_Dispatcher: Any = CPUDispatcher
+_njit: Any = numba.njit
 _item_pointer: Any = cgutils.get_item_pointer
 _result: Any = CompileResult
 _index_and_data: Any = IndexDataCacheFile
 
-_OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _SHARES = 4
 """Shares of a thread: one that is done early takes another."""
 _CACHE_LIFETIME = 30 * 24 * 3600.0
@@ -121,69 +116,15 @@ F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T", bound=tuple[Any, ...])
 
 
-class _LinkedLibrary(_Library):  # type: ignore[misc]
-    """Code that callers take in as it is, and that never becomes machine code by itself.
-
-    Optimising it, machine code of it and wrappers for Python are a third of all compiling.
-    """
-
-    def _optimize_final_module(self) -> None:
-        """Leave that to the callers."""
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
-
-
-class _LinkedCompiler(_Compiler):  # type: ignore[misc]
-    """Compiles a function as far as its callers need it."""
-
-    def __init__(self, *parts: Any) -> None:
-        typing, target, _, arguments, result, flags, variables = parts
-        flags.no_compile = True
-        library = _LinkedLibrary(target.codegen(), "linked")
-        super().__init__(typing, target, library, arguments, result, flags, locals=variables)
-
-
-class _Inlined(_Dispatcher):  # type: ignore[misc]
-    """A function that is inlined in compiled callers; for Python it is compiled by itself."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        options = {**_OPTIONS, "forceinline": True, "no_cpython_wrapper": True}
-        super().__init__(function, {}, options, _LinkedCompiler)
-
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        return self._alone(*arguments, **named)
-
-    @cached_property
-    def _alone(self) -> Any:
-        return jit_alone(self.py_func)
-
-    def add_overload(self, compiled: Any) -> None:
-        """Make the code known to its callers alone: there is no entry for Python."""
-        known = compiled._replace(entry_point=object())
-        self.targetctx.insert_user_function(known.entry_point, known.fndesc, [known.library])
-        self.overloads[tuple(known.signature.args)] = known
-
-
-class _Alone(_Dispatcher):  # type: ignore[misc]
-    """A function with machine code of its own."""
-
-    def add_overload(self, compiled: Any) -> None:
-        """Make the code known, and to it what the exceptions of linked functions are made of."""
-        for environment in compiled._find_referenced_environments():
-            compiled.library.codegen.set_env(environment.env_name, environment)
-        super().add_overload(compiled)
-
-
 def jit(function: F) -> F:
     """Compile a numeric function that compiled functions call.
 
     It holds no interpreter lock and computes in IEEE arithmetic. It is inlined wherever it is
     called, because the laws are a few lines each and a call costs as much as they do. So it is not
-    kept on disk: what calls it is. Called from Python, it is compiled as `jit_alone` does.
+    kept on disk: what calls it is. Called from Python, it is compiled anew in every process; see
+    `jit_alone`.
     """
-    compiled: F = _Inlined(function)
+    compiled: F = _njit(nogil=True, error_model="numpy", forceinline=True)(function)
     return compiled
 
 
@@ -331,7 +272,7 @@ def jit_alone(function: F) -> F:
 
     Unlike that of `jit`, it is not inlined, and is kept on disk.
     """
-    compiled: F = _Alone(function, {}, _OPTIONS)
+    compiled: F = _njit(nogil=True, error_model="numpy")(function)
     if _FOLDER:
         compiled._cache = _Kept(function)  # type: ignore[attr-defined]  # numba's
     return compiled

@@ -40,12 +40,12 @@ class Rig:
     radius: float
     width: float
     ahead: float = 0.0
-    """How far its weight lies ahead of the middle."""
+    """Distance of the centre of mass ahead of the middle [m]."""
     contact: str = SOFT
 
     @property
     def wheel_mass(self) -> float:
-        """That of one wheel."""
+        """Return the mass of one wheel [kg]."""
         return 0.04 * self.mass
 
     def geom(self) -> str:

@@ -129,7 +129,7 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
 
 
 Examined = tuple[Any, Path, Any]
-"""What a check says of a model, the file that it writes, and what a check says of that."""
+"""Results of two checks: that of a model, the file that it wrote, and that of this file."""
 
 
 @pytest.fixture(scope="module")

@@ -341,7 +341,7 @@ NAV2_ROBOTS = [*((robot, None) for robot in shipped_robots())] + [
 def test_nav2_has_the_limits_the_dead_times_and_the_hull_of_a_profile(
     name: str, profile: str | None
 ) -> None:
-    """What nav2 reads are the numbers of the kinematic plant, whose motion is that of its MPPI."""
+    """The file has the numbers of the kinematic plant, which moves as the model in nav2's MPPI."""
     robot = load_robot(name)
     n = of_nav2(export_robot(robot, "nav2", profile))
     known = bare_profile(robot) if profile is None else load_profile(profile)

@@ -477,7 +477,7 @@ def test_a_robot_that_comes_no_nearer_to_its_end_has_arrived_after_three_seconds
 
 
 def test_any_error_stops_the_robot(lab: Profile, tmp_path: Path) -> None:
-    """Of a law, and of the program itself."""
+    """The error can come from a user's law or from the program itself."""
     fault = FAULTY.format("return (0.1, 0.0) if now.t < 2.0 else 1 / 0")
     bad, _ = chosen_controller(f"{written(tmp_path, fault)}:Mine", lab)
     node = RobotNode(COMMAND)

@@ -37,7 +37,7 @@ class Compiling(event.Listener):
 
 COMPILING = Compiling()
 WORKERS_COMPILED: list[float] = []
-"""What the workers tell of that [s]."""
+"""Processor times that the workers spent on compiling, as each reports its own [s]."""
 
 
 def pytest_configure(config: pytest.Config) -> None:

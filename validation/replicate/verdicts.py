@@ -81,11 +81,11 @@ class Pair:
     obstacle: str = ""
     """Reason found by the run why they cannot be compared; empty if they can."""
     supposed: Pair | None = None
-    """The same with our number under a supposition about what the thesis does not print; None if
-    there is none."""
+    """The printed number beside ours under a supposition about what the thesis does not print; None
+    where nothing is supposed."""
     supposition: str = ""
-    """That supposition, the same for all numbers of a row, in words that end a sentence which
-    begins with "it agrees if". `SUPPOSED_ON` is the page of docs/ that shows it."""
+    """Words that say what is supposed, equal for all numbers of a row: a report puts them behind
+    "it agrees if". The page `SUPPOSED_ON` of docs/ shows why."""
     bounds: Sequence[float] = ()
     """Ends of the range in which ours was searched; empty for a number that was not."""
     scale: Scale = "linear"

@@ -1,4 +1,4 @@
-"""What a follower notices from message to message, and how it keeps a drive.
+"""The supervisor of a follower: it compares messages with each other and keeps what was driven.
 
 Three pairs of signals must agree: the pose with what the last pose and the speeds predict, the
 speeds and the wheels with what the commands predict, and the gyro with the wheels. Each pair is
@@ -174,7 +174,7 @@ class Supervisor:
         self.contradictions = 0.0
         """Number of poses lately that did not follow from the speeds [1]."""
         self.away = ""
-        """How the first of these did not."""
+        """Sentence on the first of these poses: how it contradicts the speeds."""
         self._wheels_lie = False
 
     def restart(self) -> None:

@@ -530,8 +530,9 @@ def export_robot(
         step = section.parameters.timestep if timestep is None else timestep
         return exporting.mjcf_text(replace(section.parameters, timestep=step), section.drive)
     kinematic = numbers.section("kinematic")
+    fitted, source = fitted_errors(numbers, "kinematic")
     if to == "nav2":
-        return exporting.nav2_yaml(chosen, kinematic.drive, *fitted_errors(numbers, "kinematic"))
+        return exporting.nav2_yaml(chosen, kinematic.drive, fitted, source)
     if to == "diff-drive":
         p = kinematic.parameters
         multiplier = (p.y_l - p.y_r) / chosen.track
@@ -547,7 +548,7 @@ def export_robot(
         radii = (share * p.alpha_l, share * p.alpha_r)
         variances = odometry_variances(numbers)
         return exporting.diff_drive_yaml(
-            chosen, kinematic.drive, multiplier, radii, errors, variances
+            chosen, kinematic.drive, multiplier, radii, errors, fitted=fitted, variances=variances
         )
     if to == "sdf":
         return exporting.sdf_text(chosen)

@@ -149,20 +149,22 @@ def list_objections(
     objections = []
     if not is_better(sizes[0], sizes[1], horizon):
         objections.append("the fit is no better, by more than chance and 2 %")
-    for part in ("position", "yaw"):
+    for part, what in (("position", "positions"), ("yaw", "headings")):
         if is_better(getattr(was, part), getattr(now, part), horizon):
-            what = "headings" if part == "yaw" else "positions"
             objections.append(f"{what} are worse, by more than chance")
     way, turn = still_errors(list(chain(*driven)), horizon)
-    for error, size, what, unit in (
-        (now.position, way, "way", "m"),
-        (now.yaw, turn, "turn", "rad"),
-    ):
-        if float(error.mean()) > _EXPLAINED * float(size.mean()):
-            objections.append(
-                f"its {input} do not explain the motion: the error is "
-                f"{error.mean():.2f} {unit} on a {what} of {size.mean():.2f} {unit}"
-            )
+    unexplained = [
+        f"{error.mean():.2f} {unit} on a {what} of {size.mean():.2f} {unit}"
+        for error, size, what, unit in (
+            (now.position, way, "way", "m"),
+            (now.yaw, turn, "turn", "rad"),
+        )
+        if error.mean() > _EXPLAINED * size.mean()
+    ]
+    if unexplained:
+        objections.append(
+            f"its {input} do not explain the motion: the error is {' and '.join(unexplained)}"
+        )
     return objections
 
 

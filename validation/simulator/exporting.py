@@ -309,6 +309,7 @@ def diff_drive_yaml(
     multiplier: float,
     radii: tuple[float, float],
     errors: Mapping[str, float],
+    fitted: Mapping[str, float],
     variances: Mapping[str, Sequence[float]],
 ) -> str:
     """Return parameters of ros2_control's `diff_drive_controller`; the robot turns as commanded.
@@ -322,6 +323,7 @@ def diff_drive_yaml(
         multiplier: distance of the sides' centres of rotation over the track [1].
         radii: way of the left wheels over their turn and radius, and the same of the right [1].
         errors: standard errors of these numbers, by the names of the file.
+        fitted: standard errors of the driver's numbers that were fitted, by their names.
         variances: of the odometry in x, y, z, roll, pitch and yaw, by the names of the file.
     """
     joints = robot.wheel_joints
@@ -333,7 +335,8 @@ def diff_drive_yaml(
         "right_wheel_radius_multiplier": radii[1],
         "cmd_vel_timeout": _MISSED * max(drive.hold, _COMMANDED_S),
     }
-    remarks = {name: f"standard error {error:.2g}" for name, error in errors.items()}
+    remarks = _drive_origins(robot, drive, fitted)
+    remarks |= {name: f"standard error {error:.2g}" for name, error in errors.items()}
     names = {"left_names": json.dumps(joints[0::2]), "right_names": json.dumps(joints[1::2])}
     text = _fill_rows(_DIFF_DRIVE, numbers, remarks, **names)
     for name, diagonal in variances.items():
@@ -353,18 +356,24 @@ def nav2_yaml(robot: Robot, drive: Drive, errors: Mapping[str, float], source: s
         errors: standard errors of the driver's numbers that were fitted, by their names.
         source: what the numbers are of.
     """
-    remarks = {}
+    origins = _drive_origins(robot, drive, errors)
+    numbers = asdict(drive.later(0.5 * drive.command_ramp + drive.wheel_lag))
+    (x, y, _), (ahead, left, _) = robot_outline(robot).round(4).tolist()
+    corners = [[ahead, left], [ahead, y], [x, y], [x, left]]
+    return _fill_rows(_NAV2, numbers, origins, source=source, footprint=str(corners))
+
+
+def _drive_origins(robot: Robot, drive: Drive, errors: Mapping[str, float]) -> dict[str, str]:
+    """Return where each number of a driver is from: a fit, the profile or the robot's file."""
+    origins = {}
     for name, value in asdict(drive).items():
         origin = "of the profile"
         if value == getattr(robot.drive, name):
             origin, _ = robot.source(f"drive.{name}")
         if name in errors:
             origin = f"standard error {errors[name]:.2g}"
-        remarks[name] = f"{name}: {origin}"
-    numbers = asdict(drive.later(0.5 * drive.command_ramp + drive.wheel_lag))
-    (x, y, _), (ahead, left, _) = robot_outline(robot).round(4).tolist()
-    corners = [[ahead, left], [ahead, y], [x, y], [x, left]]
-    return _fill_rows(_NAV2, numbers, remarks, source=source, footprint=str(corners))
+        origins[name] = f"{name}: {origin}"
+    return origins
 
 
 def _fill_rows(

@@ -72,7 +72,9 @@ class Competition:
         self.before = weigh_robot(robot)
         self.robot = robot
         self.after: Balance = self.before
+        self.balances = dict[str, Balance]()
         if text is not None:
+            self.balances[text.edited({})] = self.before
             self._rescue(text)
         # mechanics knows nothing of a robot whose weight lies outside of its wheels, or of a slope
         leans = any(kind == "slope" and severity for kind, severity, _, _ in weighed)
@@ -107,10 +109,14 @@ class Competition:
     def _tried(self, remedies: Iterable[Remedy]) -> Balance:
         """Return the balance with some changes; empty where the simulator fails."""
         assert self.text is not None
-        try:
-            return weigh_robot(OwnRobot(self.text.edited(together(remedies)), self.files))
-        except (ValueError, SsmrError):
-            return {}
+        text = self.text.edited(together(remedies))
+        # a round asks again for most of what the one before has driven
+        if text not in self.balances:
+            try:
+                self.balances[text] = weigh_robot(OwnRobot(text, self.files))
+            except (ValueError, SsmrError):
+                self.balances[text] = {}
+        return self.balances[text]
 
     def _compete(self, text: MjcfText, weighed: Sequence[Weighed], forced: set[str]) -> None:
         """Make all changes, and take away again each that is not needed."""

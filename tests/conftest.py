@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import json
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -18,6 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # else hundreds of programs that tests start compile all sources anew
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -27,8 +30,11 @@ from ssmr.types import Plant
 from tests.workers import *  # noqa: F403 - pytest's hooks
 from validation import cli
 from validation.engines.body import EngineMissingError
+from validation.files import guarded
+from validation.output import shorten_text
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.table import ALL_PLANTS
+from validation.report.picture import Picture
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 
 EXACT = 0.0
@@ -110,6 +116,44 @@ def hangup() -> Iterator[None]:
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGHUP, before)
+
+
+def answer_here(
+    function: Callable[..., guarded.Answer], arguments: Sequence[Any], allowance: object
+) -> guarded.Answer:
+    """What a child process would answer, from this one, whose limits stay as they are."""
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tempfile.tempdir", folder)
+        patch.setattr("resource.setrlimit", lambda *_: None)
+        try:
+            answer, parts = function(*json.loads(json.dumps(arguments)))
+        except Exception as error:
+            raise ValueError(shorten_text(error, 200) or type(error).__name__) from error
+        finally:
+            mujoco.set_mju_user_warning(None)
+    return json.loads(json.dumps(answer)), [bytes(part) for part in parts]
+
+
+@pytest.fixture
+def with_children() -> None:
+    """What reads foreign files is a child process with limits, as it is for users."""
+
+
+@pytest.fixture
+def with_drawings() -> None:
+    """Pictures have pixels, as they have for users."""
+
+
+@pytest.fixture(autouse=True)
+def without_the_dear(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Foreign files are read in this process, and pictures stay white, unless a test asks for more.
+
+    To start a child takes longer than what it reads, and to draw longer than what a program does.
+    """
+    if "with_children" not in request.fixturenames:
+        monkeypatch.setattr(guarded, "ask", answer_here)
+    if "with_drawings" not in request.fixturenames:
+        monkeypatch.setattr(Picture, "draw", lambda *_: None)
 
 
 def installed_plant(profile: Profile, name: str, settings: PhysicsSettings = SHIPPED) -> Plant:

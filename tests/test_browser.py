@@ -39,7 +39,10 @@ PLOTS = 795
 LEGENDS = 1165
 """Where their legends begin [px]."""
 
-pytestmark = pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed")
+pytestmark = [
+    pytest.mark.skipif(not CHROMIUM, reason="Chromium is not installed"),
+    pytest.mark.usefixtures("with_drawings"),
+]
 
 
 class Browser:

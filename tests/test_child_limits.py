@@ -22,6 +22,8 @@ from validation.files.formats import read_log
 from validation.simulator import foreign
 from validation.simulator.description import models_folder
 
+pytestmark = pytest.mark.usefixtures("with_children")
+
 ALLOWED = guarded.Allowance(1.0, 1 << 30)
 START_S = 1.5
 """Time of the processor that starting the child may take, and rounding the limit up [s]."""

@@ -17,6 +17,8 @@ from tests.conftest import exit_status, processor_time
 from validation.files import bags, guarded
 from validation.recordings import PROGRAM
 
+pytestmark = pytest.mark.usefixtures("with_children")
+
 ALL_KINDS = (*(kind for kind in KINDS if kind != "mcap folder"), *PACKED_KINDS)
 LONGEST = 20.0
 """Time of the processor in which every small bag is answered [s]."""

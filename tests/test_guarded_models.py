@@ -17,6 +17,8 @@ from validation.simulator import foreign
 from validation.simulator.composing import compose_robot
 from validation.simulator.description import Robot, models_folder, parse_robot
 
+pytestmark = pytest.mark.usefixtures("with_children")
+
 MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 

@@ -14,6 +14,8 @@ from PIL import ExifTags, Image
 from tests.appendices import gone_rooms, is_deleted
 from validation.cli.__main__ import PROGRAMS
 
+pytestmark = pytest.mark.usefixtures("with_drawings")
+
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 DRAWN: dict[str, Any] = {
     f"{name}.{made.ending}": made

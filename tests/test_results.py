@@ -34,6 +34,8 @@ from validation.robots import check_robot
 from validation.track import track
 from validation.tune import tune
 
+pytestmark = pytest.mark.usefixtures("with_drawings")
+
 
 def interrupt(now: Progress) -> None:
     """Press Ctrl-C after the second generation."""

@@ -21,6 +21,8 @@ from validation.cli.__main__ import program_named
 from validation.fit import fit
 from validation.output import write_atomic, write_text
 
+pytestmark = pytest.mark.usefixtures("with_drawings")
+
 KILLED = """
 import os, signal, sys
 from pathlib import Path

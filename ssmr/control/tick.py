@@ -191,8 +191,10 @@ def position_tick(
         aim = target_at(tracker.course, end, aim.segment)
         errors = position_errors(ahead, aim, ALPHA_SWITCH)
     errors = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
-    law_input = (state.memory, errors, aim, ahead, dt)
-    memory = position_step(tracker.law, tracker.gains, *law_input)
+    before = state.memory
+    if aim.v == 0.0:  # integrals hold the speed and the turn that the target had
+        before = Memory(0.0, 0.0, 0.0, before.i_u, before.i_w, before.u_ref, before.w_ref)
+    memory = position_step(tracker.law, tracker.gains, before, errors, aim, ahead, dt)
     return LoopState(memory, now.target, now.errors, seen, ahead, state.command)
 
 

@@ -70,8 +70,8 @@ _NEAR = 0.05
 _GENTLE_BEND = 1.0
 """Radius of the bend that is always allowed then at the path's greatest speed [m], so that a
 straight path can be found."""
-_AT_REST = 0.02
-"""Distance of the last waypoint at which it may rest [m]."""
+_AT_REST = 0.005
+"""Distance before or behind the last waypoint at which it may rest [m]."""
 _SETTLING = 3.0
 """Longest time for which a robot that comes no nearer to its end is driven on after it [s]."""
 _AROUND = 2.0
@@ -160,7 +160,7 @@ class PathFollower:
         self._clock = SenderClock()
         self._arrival = self._stamp = self._at_stamp = -math.inf
         self._fresh = self._repeated = 0
-        self._begin = self._t = self._place = self._advanced_at = 0.0
+        self._begin = self._t = self._place = self._advanced_at = self._rests_from = 0.0
         self._at = INITIAL_STATE.seen
         self._to_reference = np.zeros(3)
         self._yaw = start.yaw
@@ -185,6 +185,7 @@ class PathFollower:
         trackers = make_trackers([law], [loop], self.waypoints, clock, self.waypoints.start)
         (self._side,) = robot_sides([law], [loop], self.waypoints, trackers)
         self._model = self._side.tracker.predictor
+        self._answer = self._model.horizon + _ANSWER
         self.supervisor = Supervisor(self._model, self.controller.drive.command_half_track)
         """The judge of the robot's signals, which takes those of wheels and gyro."""
 
@@ -318,9 +319,12 @@ class PathFollower:
         if t > _SETTLING:  # motors at their limit at a start are no lateness
             learnt_delay = float(self._side.tracker.predictor_state[LEARNT])
             self.late = learnt_delay + self._clock.lateness
-        rests = self._speed_of(seen.v, seen.w) < _MOVING and away <= _AT_REST + self.lookahead
+        ahead = self._side.state.errors.rho - self.lookahead  # a robot that stands mends no other
+        rests = self._speed_of(seen.v, seen.w) < _MOVING and abs(ahead) <= _AT_REST
         ended = t >= self.waypoints.duration - 1e-9
-        if t - self._advanced_at >= _SETTLING or (ended and rests):
+        if not (ended and rests):
+            self._rests_from = t
+        if t - self._advanced_at >= _SETTLING or t - self._rests_from >= self._answer:
             self.phase = "arrived"
 
     def _nearest_place(self, t: float, x: float, y: float) -> tuple[float, float]:
@@ -405,7 +409,7 @@ class PathFollower:
         stop_model(tracker.past, tracker.predictor_state, t, at)
         self.supervisor.restart()
         self._gently = True
-        self._gently_until = t + self._model.horizon + _ANSWER
+        self._gently_until = t + self._answer
         self._confirmed = False
         self.held = ""
 

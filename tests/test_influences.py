@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from validation.descriptions.findings import Finding, static_findings
 from validation.descriptions.importing import import_robot
+from validation.robots import check_robot
 
 CORNERS = {"fl": (1, 1), "fr": (1, -1), "rl": (-1, 1), "rr": (-1, -1)}
 MJCF_WHEEL = """
@@ -198,15 +200,6 @@ DISEASES: Mapping[str, Disease] = {
     "no gravity": ("sdf", "</inertial>", "</inertial><gravity>0</gravity>", "load", "gravity"),
     "turned off": ("urdf", "<mu1>", "<turnGravityOff>true</turnGravityOff><mu1>", "load", "grav"),
     "gravcomp": ("xml", "YAW", 'gravcomp="0.9"', "load", "gravcomp"),
-    "free joint": (
-        "xml",
-        '<freejoint name="root"/>',
-        '<joint type="free" damping="60"/>',
-        "held",
-        "free joint",
-    ),
-    "honey": ("xml", "OPTION", 'density="1000" viscosity="5"', "held", "liquid"),
-    "water": ("xml", "OPTION", 'density="1000" viscosity="0.001"', "held", "liquid"),
     "flags": ("xml", "MORE", '<option><flag contact="disable"/></option>', "load", "contype"),
     "floating": ("xml", "MORE", '<option><flag gravity="disable"/></option>', "load", "gravcomp"),
     "upward": ("xml", "OPTION", 'gravity="0 0 9.81"', "load", "gravcomp"),
@@ -278,7 +271,6 @@ DISEASES: Mapping[str, Disease] = {
     ),
     "half": ("sdf", "<left_joint>rl</left_joint>", "", "controller", "rl only roll"),
     "not there": ("urdf", LEFT_RIGHT, "<left_joint>arm</left_joint>", "controller", "arm"),
-    "sweeps": ("xml", "OPTION", 'solver="PGS" iterations="1"', "solver", "sweeps"),
 }
 """Kind of file, what is written otherwise, kind of the finding, and words that it has."""
 FIRST: Mapping[str, Disease] = {
@@ -315,11 +307,23 @@ def text_in_units(kind: str, per_metre: float) -> str:
     return text
 
 
+def in_grams(kind: str) -> str:
+    """Return a sound cart whose masses are in grams, but not its inertia."""
+    return re.sub(
+        r"""(mass(?: value)?=?["'>])([\d.]+)""",
+        lambda match: match[1] + repr(1e3 * float(match[2])),
+        text_of(kind),
+    )
+
+
 STATUE = text_of("urdf").replace('type="continuous"', 'type="fixed"')
 REFUSED = {
     "a statue": ("urdf", STATUE, "statue"),
     "millimetres": ("urdf", text_in_units("urdf", 1000.0), "millimetres"),
     "centimetres": ("sdf", text_in_units("sdf", 100.0), "centimetres"),
+    "grams": ("urdf", in_grams("urdf"), "in grams"),
+    "grams, SDF": ("sdf", in_grams("sdf"), "in grams"),
+    "grams, MJCF": ("xml", in_grams("xml"), "in grams"),
     "a car": (
         "xml",
         text_of("xml").replace('<joint name="f', '<joint axis="0 0 1"/><joint name="f'),
@@ -341,3 +345,65 @@ def test_what_is_no_robot_that_drives_is_refused_by_name(name: str, tmp_path: Pa
     kind, text, words = REFUSED[name]
     with pytest.raises(ValueError, match=words):
         findings_of(tmp_path, kind, text)
+
+
+ANGLES: Mapping[str, tuple[str, Mapping[str, str]]] = {
+    "rpy": ("urdf", {"1.5707963": "ANGLE"}),
+    "rpy of the joints": (
+        "urdf",
+        {
+            '1.5707963 0 0"/>\n<geo': '0 0 0"/>\n<geo',
+            ' 0"/><axis xyz="0 1 0"': ' 0" rpy="ANGLE 0 0"/><axis xyz="0 0 -1"',
+        },
+    ),
+    "poses": ("sdf", {"1.5707963": "ANGLE"}),
+    "euler of shapes": (
+        "xml",
+        {'"ellipsoid" size="0.13 0.04 0.13"': '"cylinder" size="0.13 0.04" euler="ANGLE 0 0"'},
+    ),
+    "euler of wheels": (
+        "xml",
+        {
+            '<body name="w_': '<body euler="ANGLE 0 0" name="w_',
+            'axis="0 1 0"': 'axis="0 0 -1"',
+            "0.13 0.04 0.13": "0.13 0.13 0.04",
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ANGLES)
+def test_angles_in_the_other_unit_are_said_by_name(name: str, tmp_path: Path) -> None:
+    kind, changes = ANGLES[name]
+    text = text_of(kind)
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    assert not findings_of(tmp_path, kind, text.replace("ANGLE", "1.5707963"))
+    degrees = text.replace("ANGLE", "90")
+    with pytest.raises(ValueError, match=r"other unit.* radians"):
+        findings_of(tmp_path, kind, degrees)
+    if kind == "xml":
+        assert not findings_of(tmp_path, kind, degrees.replace('"radian"', '"degree"'))
+        other = text.replace("ANGLE", "1.5707963").replace('"radian"', '"degree"')
+        with pytest.raises(ValueError, match="other <compiler angle>"):
+            findings_of(tmp_path, kind, other)
+
+
+@pytest.mark.parametrize("kind", ["urdf", "sdf"])
+@pytest.mark.parametrize(
+    ("unit", "per_unit"), [("kg cm2", 1e4), ("kg mm2", 1e6), ("g cm2", 1e7), ("g mm2", 1e9)]
+)
+def test_inertia_in_another_unit_is_the_only_finding(
+    kind: str, unit: str, per_unit: float, tmp_path: Path
+) -> None:
+    text = text_of(kind)
+    for moment in ("0.0072", "0.0127"):
+        text = text.replace(moment, repr(float(moment) * per_unit))
+    (finding,) = findings_of(tmp_path, kind, text)
+    assert finding.kind == "inertia"
+    assert finding.severity == "fault"
+    assert unit in finding.cause
+    # what is driven has an estimate in its place
+    (again,) = check_robot(tmp_path / f"a.{kind}").faults
+    assert again == finding.sentence

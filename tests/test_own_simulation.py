@@ -198,6 +198,60 @@ def test_only_attributes_are_written(tmp_path: Path) -> None:
     assert sum(same) >= len(same) - 9
 
 
+STOPPED = {
+    "masks": (('size="20 20 .1"', 'size="20 20 .1" contype="2" conaffinity="2"'), "load"),
+    "contacts off": (
+        ("<worldbody>", '<option><flag contact="disable"/></option><worldbody>'),
+        "held",
+    ),
+    "gravity up": (("timestep", 'gravity="0 0 9.81" timestep'), "load"),
+    "actuation off": (
+        ("<worldbody>", '<option><flag actuation="disable"/></option><worldbody>'),
+        "held",
+    ),
+    "a tie": (
+        (
+            "</mujoco>",
+            '<equality><joint joint1="front_left_j" joint2="rear_right_j"/></equality></mujoco>',
+        ),
+        "held",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", STOPPED)
+def test_of_a_robot_that_cannot_move_nothing_that_follows_is_blamed(
+    name: str, tmp_path: Path
+) -> None:
+    """It has the faults of the same robot that can, and the one that keeps it from moving."""
+    (old, new), kind = STOPPED[name]
+    text = model(soft="", kv="40")
+    kinds = []
+    for each in (text, text.replace(old, new)):
+        path = tmp_path / "theirs.xml"
+        path.write_text(each)
+        found = check_robot(path).findings
+        kinds.append({finding.kind for finding in found if finding.severity == "fault"})
+    assert kinds[0]
+    assert kinds[1] == kinds[0] | {kind}
+
+
+@pytest.mark.parametrize("step", ["1e-5", "2e-6"])
+def test_a_short_step_of_a_file_takes_no_longer(step: str, tmp_path: Path) -> None:
+    """It is driven with a longer one, shows the same, and this is said."""
+    kinds = []
+    for each in ("1e-3", step):
+        path = tmp_path / "theirs.xml"
+        option = OPTION.replace("elliptic", "pyramidal").replace("0.002", each)
+        path.write_text(model(option=option))
+        began = time.process_time()
+        found = check_robot(path).findings
+        kinds.append([finding.kind for finding in found])
+        assert time.process_time() - began < 15.0
+    assert kinds[1] == [*kinds[0], "step"]
+    assert "times slower" in found[-1].cause
+
+
 WEAK = 'forcerange="-20 20"'
 
 
@@ -622,7 +676,7 @@ def test_wheels_of_any_name_are_named_where_they_do_not_turn(tmp_path: Path) -> 
     path = tmp_path / "a.urdf"
     text = URDF.replace("_wheel", "").replace("_joint", "").replace("continuous", "revolute")
     path.write_text(text)
-    with pytest.raises(ValueError, match=r"front_left, .* are revolute, from -0\.5 to 0\.5 rad"):
+    with pytest.raises(ValueError, match=r"front_left, .*: revolute, from -0\.5 to 0\.5 rad"):
         import_robot(path)
 
 

@@ -59,6 +59,8 @@ ON_GROUND = "time of the wheels on the ground"
 """Row of wheels that may leave the ground."""
 MOVING_MASS = "mass to set off, wheels turning"
 """Row of the mass with what turns along."""
+LOADS = "load of all wheels"
+"""Row of what the wheels carry together."""
 ONE_WHEEL = "load of one wheel"
 """Row of a robot whose weight lies between its wheels."""
 LEAST_TURN = 9.0
@@ -129,7 +131,7 @@ def mechanical_turn(
     `width_share` is that of the tyres' width between the two points in which each touches [1].
     """
     wheeled = robot.wheeled
-    half = float(np.mean([drum.contact_half_width for drum in robot.tyres if drum is not None]))
+    half = float(np.mean([drum.contact_half_width for drum in robot.tyres]))
     # a wheel that would lift carries nothing; mechanics knows no such turn
     most = 0.499 * np.array([wheeled.wheelbase, wheeled.track])
     x, y = (0.0 if in_the_middle else np.clip(_weight_place(robot), -most, most)) * np.ones(2)
@@ -197,7 +199,7 @@ def _weigh_standing(robot: OwnRobot) -> list[BalanceRow]:
     eater = "armature of the wheels' joints" if rotors > 0.0 else ""
     away = standing.pose[-1, :2] - standing.pose[0, :2]
     rows = [
-        BalanceRow("load of all wheels", float(loads.sum()), weight, "N", weight, cause=cause),
+        BalanceRow(LOADS, float(loads.sum()), weight, "N", weight, cause=cause),
         BalanceRow(
             MOVING_MASS,
             moving + rotors,

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from validation.descriptions.balance import MOVING_MASS, ON_GROUND, BalanceRow, in_words
-from validation.descriptions.causes import Competition, together
+from validation.descriptions.causes import LEAST_STEP, Competition, together
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
 from validation.descriptions.influences import weigh_influences
@@ -88,8 +88,9 @@ def examine_foreign(
         text = MjcfText(foreign.text, foreign.files)
     except ValueError as error:
         notes.append(f"no change was tried: {error}")
-    robot = OwnRobot(foreign.text if text is None else text.edited({}), foreign.files)
-    competition = Competition(robot, text, foreign.files, weigh_influences(described, foreign))
+    robot = OwnRobot(foreign.text, foreign.files, least_step=LEAST_STEP)
+    weighed = weigh_influences(described, foreign)
+    competition = Competition(robot, text, foreign.files, weighed, known)
     robot = competition.robot
     notes = [*robot.notes, *notes]
     if robot.given_rates:
@@ -99,7 +100,7 @@ def examine_foreign(
         )
     measures = robot.measures
     kept = competition.kept
-    findings = competition.findings(known)
+    findings = competition.findings()
     return Examined(
         sentences=[in_words(robot), *notes],
         findings=findings,
@@ -130,7 +131,7 @@ def examine_model(robot: Robot, known: Sequence[Finding] = ()) -> Examined:
     try:
         plant = MujocoPlant(Calibration.of(robot), robot.motor_drive)
         text = mjcf_text(plant.calibration, robot.motor_drive)
-        competition = Competition(OwnRobot(text, {}), None, {}, ())
+        competition = Competition(OwnRobot(text, {}), None, {}, (), known)
     except ValueError as error:
         failed = f"no model can be built of it: {one_line(error)}"
         return Examined([], [Finding("model", "fault", failed)])
@@ -148,7 +149,7 @@ def examine_model(robot: Robot, known: Sequence[Finding] = ()) -> Examined:
         apart = measures["multiplier_max"] - measures["multiplier_min"]
         numbers["yaw_ripple"] = apart / measures["multiplier"]
     findings = []
-    for finding in competition.findings(known):
+    for finding in competition.findings():
         row = next((row for row in _OWN_REMEDIES if finding.cause.startswith(row)), "")
         kind, change = _OWN_REMEDIES.get(row, (finding.kind, finding.change))
         findings.append(finding._replace(kind=kind, change=change))

@@ -13,7 +13,7 @@ import numpy as np
 
 from ssmr.robot.ground import FRONT, LEFT, turn_on_the_spot
 from ssmr.types import FloatArray
-from validation.descriptions.foreign_robot import ForeignRobot, is_impossible
+from validation.descriptions.foreign_robot import ROUNDED, ForeignRobot, flaw_of_inertia
 from validation.descriptions.influences import weigh_influences
 from validation.simulator.checking import (
     guessed_numbers,
@@ -42,8 +42,6 @@ _MOST_RATIO = 100.0
 """Turning ratio from which a robot as good as drives straight ahead [1]."""
 _FAR_OFF = 0.25
 """Relative difference from which it is a fault and no question [1]."""
-_ROUNDED = 1.1
-"""Moment of inertia over the greatest that a body can have, up to which it is rounded [1]."""
 _HOLLOW = 0.05
 """Inertia of a body or a wheel over that of a box or a cylinder of its size and mass, below which
 it raises a question [1]."""
@@ -97,31 +95,27 @@ def static_findings(robot: Robot, foreign: ForeignRobot | None = None) -> list[F
 
 def _hull_is_guessed(robot: Robot) -> bool:
     """Return whether nobody said the size of the hull, so that nothing follows from it."""
-    return robot.source("geometry.body_size")[0] == "assumed"
+    return "geometry.body_size" in guessed_numbers(robot)
 
 
-def _shares_of_axles_and_sides(robot: Robot) -> tuple[float, float]:
-    """Return the loads in front less behind, and left less right, over the weight [1]."""
+def _weight_share_off(robot: Robot) -> float:
+    """Return the loads in front less behind, and left less right, over the weight, added [1]."""
     shares = load_shares(robot)
-    return float(shares @ FRONT), float(shares @ LEFT)
+    return float(abs(shares @ FRONT) + abs(shares @ LEFT))
 
 
 def _weight_off(robot: Robot, _: Others) -> Finding | None:
-    off = sum(map(abs, _shares_of_axles_and_sides(robot)))
+    off = _weight_share_off(robot)
     if not _OFF_SHARE <= off < 1.0:
         return None
     x, y = whole_com(robot)[:2]
     loads = ", ".join(f"{share * robot.mass * GRAVITY:.0f}" for share in load_shares(robot))
-    turn = turn_on_the_spot(robot.wheelbase, robot.track, x, y)
-    middle = turn_on_the_spot(robot.wheelbase, robot.track)
+    ratio = turn_on_the_spot(robot.wheelbase, robot.track, x, y).multiplier
+    middle = turn_on_the_spot(robot.wheelbase, robot.track).multiplier
     outcome = "told to turn on the spot, it drives straight ahead"
-    # where it hardly turns, centre and ratio are numbers of no robot
-    if turn.multiplier < _MOST_RATIO:
-        centre = -turn.across / turn.yaw_rate, turn.forward / turn.yaw_rate
-        outcome = (
-            f"it turns about {_centre_words(*centre, robot.wheelbase)}, with a ratio of "
-            f"{turn.multiplier:.2f} instead of {middle.multiplier:.2f}"
-        )
+    # where it hardly turns, the ratio is a number of no robot
+    if ratio < _MOST_RATIO:
+        outcome = f"it turns with a ratio of {ratio:.2f} instead of {middle:.2f}"
     return Finding(
         "weight_off",
         "fault" if off > _FAR_OFF else "question",
@@ -130,14 +124,6 @@ def _weight_off(robot: Robot, _: Others) -> Finding | None:
         "weigh the wheels of the robot; if they carry the same, put the body's centre of mass "
         "into the middle",
     )
-
-
-def _centre_words(x: float, y: float, wheelbase: float) -> str:
-    """Return words for the point that a robot turns about, from its middle [m]."""
-    if abs(abs(x) - 0.5 * wheelbase) < 0.02 * wheelbase and abs(y) < 0.02 * wheelbase:
-        return "its front axle" if x > 0.0 else "its rear axle"
-    away = _offset(x, y)
-    return f"a point {away} its middle" if away else "its middle"
 
 
 def _offset(x: float, y: float) -> str:
@@ -182,70 +168,52 @@ def _wheel_without_load(robot: Robot, _: Others) -> Finding | None:
 
 
 def _wheel_inertia(robot: Robot, foreign: Others) -> Finding | None:
+    across, spin = robot.wheel_inertia
+    wheels = [(robot.wheel_mass, np.diag([across, spin, across]))]
     if foreign is not None:
-        for mass, tensor in foreign.wheel_tensors():
-            finding = _impossible("a wheel", tensor)
-            if finding is None:
-                greatest = float(np.linalg.eigvalsh(tensor)[-1])
-                finding = _odd_spin(mass, robot.wheel_radius, greatest)
-            if finding is not None:
-                return finding
-        return None
-    return _odd_spin(robot.wheel_mass, robot.wheel_radius, robot.wheel_inertia[1])
+        wheels = [*foreign.tensors_of(foreign.wheeled.bodies).values()]
+    for mass, tensor in wheels:
+        wheel = f"a wheel of {mass:g} kg and {robot.wheel_radius:g} m"
+        # all the mass at the rim
+        most = mass * robot.wheel_radius**2
+        usual = f"a cylinder has m r^2 / 2 = {0.5 * most:.4g}"
+        finding = _impossible(wheel, tensor, most, usual)
+        greatest = float(np.linalg.eigvalsh(tensor)[-1])
+        if finding is None and greatest < 0.5 * _HOLLOW * most:
+            finding = Finding(
+                "inertia",
+                "question",
+                f"{wheel} has {greatest:.2g} kg m2 about its axle, as if its mass lay in the axle: "
+                "it takes hardly any torque to turn",
+                usual,
+            )
+        if finding is not None:
+            return finding
+    return None
 
 
-def _odd_spin(mass: float, radius: float, spin: float) -> Finding | None:
-    """Return a finding where a wheel of this mass and radius has too much or hardly any inertia."""
-    # all the mass at the rim
-    most = mass * radius**2
-    usual = 0.5 * most
-    if spin < _HOLLOW * usual:
-        return Finding(
-            "inertia",
-            "question",
-            f"a wheel of {mass:g} kg and {radius:g} m has {spin:.2g} kg m2 about its axle, as if "
-            "its mass lay in the axle: it takes hardly any torque to turn",
-            f"a cylinder has m r^2 / 2 = {usual:.4g}",
-        )
-    if spin <= most * (1.0 + 1e-9):
-        return None
-    return Finding(
-        "inertia",
-        "question" if spin <= _ROUNDED * most else "fault",
-        f"no wheel of {mass:g} kg and {radius:g} m has {spin:.4g} kg m2 "
-        f"about its axle: the most is m r^2 = {most:.4g}",
-        f"a cylinder has m r^2 / 2 = {usual:.4g}",
-    )
-
-
-def _impossible(body: str, tensor: FloatArray) -> Finding | None:
-    """Return a finding where no rigid body has an inertia [kg m2]."""
-    if not is_impossible(tensor):
-        return None
+def _impossible(body: str, tensor: FloatArray, most: float, usual: str) -> Finding | None:
+    """Return a finding where no rigid body has an inertia [kg m2], at most `most` by its size."""
+    flaw = flaw_of_inertia(tensor, most)
     row = ", ".join(f"{moment:.4g}" for moment in np.diag(tensor))
-    reason = "about one axis it is more than about the two others together"
-    least = float(np.linalg.eigvalsh(tensor)[0])
-    if least < 0.0:
-        reason = f"with its products, it is {least:.4g} about one axis"
-    return Finding(
-        "inertia",
-        "fault",
-        f"{row} kg m2 is the inertia of no body, and {body} has it: {reason}; "
-        "the mean of the three stands in",
-        "compute it from size and mass",
-    )
+    cause = f"{row} kg m2 is the inertia of no body, and {body} has it: {flaw}"
+    return Finding("inertia", "fault", cause, usual) if flaw else None
 
 
 def _body_inertia(robot: Robot, foreign: Others) -> Finding | None:
+    lowest, highest = robot_outline(robot)
+    most = 0.25 * robot.base_mass * float(np.sum((highest - lowest) ** 2))
+    parts = [(f"the body of {robot.base_mass:.3g} kg", np.diag(robot.inertia), most)]
     if foreign is not None:
         wheeled = foreign.wheeled
-        for body in wheeled.base:
-            name = wheeled.model.body(body).name
-            if name in foreign.tensors:
-                finding = _impossible(f"'{name}'", foreign.tensors[name][1])
-                if finding is not None:
-                    return finding
-    lowest, highest = robot_outline(robot)
+        _, _, tensor = wheeled.lump(wheeled.base)
+        parts = [(parts[0][0], tensor, most)]
+        for name, (_, stated) in foreign.tensors_of(wheeled.base).items():
+            parts.append((f"'{name}'", stated, math.inf))
+    for part in parts:
+        finding = _impossible(*part, "compute it from size and mass")
+        if finding is not None:
+            return finding
     total = sum(robot.inertia)
     box = robot.base_mass * sum(size**2 for size in robot.body_size) / 6.0
     if total < _HOLLOW * box:
@@ -262,7 +230,7 @@ def _body_inertia(robot: Robot, foreign: Others) -> Finding | None:
         # mean square distance of the mass from the centre along this axis
         spread = math.sqrt(max(0.5 * total - robot.inertia[k], 0.0) / robot.base_mass)
         reach = max(float(highest[k]) - robot.com[k], robot.com[k] - float(lowest[k]))
-        if spread > _ROUNDED * reach > 0.0:
+        if spread > ROUNDED * reach > 0.0:
             return Finding(
                 "inertia",
                 "fault" if spread > 1.5 * reach else "question",
@@ -360,7 +328,7 @@ def _controller(robot: Robot, foreign: Others) -> Finding | None:
     drive = robot.drive
     given = "drive.command_half_track" in robot.given or "drive.command_radius" in robot.given
     spot = spot_turn(robot)
-    off = sum(map(abs, _shares_of_axles_and_sides(robot)))
+    off = _weight_share_off(robot)
     if not given or spot is None:
         return None
     # the maker's radius may be that of a loaded tyre

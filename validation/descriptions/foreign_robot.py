@@ -6,11 +6,13 @@ into a URDF; an MJCF is read as it is, but for what `foreign.complete` leaves ou
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of texts that declare no entities
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from importlib import util
 from pathlib import Path
 
@@ -21,7 +23,7 @@ from ssmr.types import FloatArray
 from validation.descriptions import gazebo
 from validation.descriptions.gazebo import NumbersByName
 from validation.descriptions.sdf import urdf_of_sdf
-from validation.descriptions.wheels import Drum, WheeledRobot, motor_moments
+from validation.descriptions.wheels import WheeledRobot, motor_moments
 from validation.files import guarded, reading
 from validation.output import one_line
 from validation.simulator import foreign
@@ -34,6 +36,17 @@ LEAST_MASS = 1e-9
 _FEW_TURNS = 4.0 * np.pi
 """Range of a revolute joint beyond which it is a continuous one [rad]."""
 _TENSOR = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+ROUNDED = 1.1
+"""Moment of inertia over the greatest that a body can have, up to which it is rounded [1]."""
+_UNITS = {"kg m2": 1.0, "kg cm2": 1e-4, "kg mm2": 1e-6, "g cm2": 1e-7, "g mm2": 1e-9}
+"""Units that inertia is in by mistake [kg m2]."""
+_RIGHT_ANGLES = {
+    "mujoco": "say the other <compiler angle>, which is degree where none is said; a right angle "
+    "is 90 in degrees and 1.5708 in radians",
+    "robot": "rpy of a URDF is in radians, and a right angle is 1.5708, not 90",
+    "sdf": 'a <pose> is in radians, where it does not say degrees="true"; a right angle is 1.5708',
+}
+"""The unit of angles and a right angle in it, by the root of a file."""
 _XACRO_TIME = 60.0
 """Limit of expanding a xacro file [s]."""
 
@@ -52,7 +65,7 @@ class ForeignRobot:
     """Its model, and its wheels."""
     contacts: Sequence[NumbersByName]
     """Numbers of the surfaces of the four wheels, as `contact_numbers` has them; `torsion` [m],
-    `rolling` [m], the tyre's `own` friction, `gap` to the ground [m], `misses` and
+    `rolling` [m], the tyre's `own` friction, `misses` and
     `mixed`, of a contact that is softer by one of its two shapes (1 or 0), where MuJoCo says
     them."""
     limits: Sequence[NumbersByName]
@@ -72,15 +85,18 @@ class ForeignRobot:
     files: Mapping[str, bytes]
     """Other files of an MJCF, by name."""
 
-    @cached_property
-    def drums(self) -> list[Drum | None]:
-        """Shapes with which the wheels touch the ground; None for a wheel without one."""
-        return [self.wheeled.drum(joint) for joint in self.wheeled.joints]
+    @property
+    def rolls(self) -> bool:
+        """Whether each wheel has a shape that is round about its axle."""
+        return all(drum is not None and not drum.flaw for drum in self.wheeled.drums)
 
-    def wheel_tensors(self) -> list[tuple[float, FloatArray]]:
-        """Return mass and inertia that the file says of each wheel that it says it of."""
-        names = [self.wheeled.model.body(body).name for body in self.wheeled.bodies]
-        return [self.tensors[name] for name in names if name in self.tensors]
+    def tensors_of(self, bodies: Sequence[int]) -> dict[str, tuple[float, FloatArray]]:
+        """Return mass and inertia that the file says, by names of those bodies that it says it of.
+
+        They are as those of `tensors`.
+        """
+        names = [self.wheeled.model.body(body).name for body in bodies]
+        return {name: self.tensors[name] for name in names if name in self.tensors}
 
 
 def is_description(path: str | Path) -> bool:
@@ -120,14 +136,28 @@ def read_foreign(path: str | Path, controller: str | Path | None = None) -> Fore
             numbers, sides = gazebo.controller_numbers(yaml)
         except ValueError as error:
             raise ValueError(f"{controller}: {error}") from error
-    if root.tag == "mujoco":
-        return _of_mjcf(path, text, numbers)
-    if root.tag not in ("robot", "sdf"):
+    if root.tag not in _RIGHT_ANGLES:
         raise ValueError(
             f"this is no URDF, SDF or MJCF: its root is <{one_line(root.tag)}>, not <robot>, <sdf> "
             "or <mujoco>"
         )
-    return _of_urdf(path, text, numbers, sides)
+    read = partial(_of_urdf, path, text, numbers, sides)
+    if root.tag == "mujoco":
+        read = partial(_of_mjcf, path, text, numbers)
+    found: ForeignRobot | ValueError
+    try:
+        found = read(False)
+        if found.rolls:
+            return found
+    except ValueError as error:
+        found = error
+    with suppress(ValueError):
+        if read(True).rolls:
+            angle = _RIGHT_ANGLES[root.tag]
+            found = ValueError(f"only with angles in the other unit its wheels can roll: {angle}")
+    if isinstance(found, ValueError):
+        raise found
+    return found
 
 
 def _plain_name(name: str) -> str:
@@ -177,9 +207,11 @@ def _expand_xacro(path: str) -> guarded.Answer:
 
 # ------------------------------------------------------------------------------------ URDF
 def _of_urdf(
-    path: Path, text: str, numbers: NumbersByName, sides: Mapping[str, float]
+    path: Path, text: str, numbers: NumbersByName, sides: Mapping[str, float], in_degrees: bool
 ) -> ForeignRobot:
     """Return the robot of a URDF or an SDF; `numbers` and `sides` are its controller's.
+
+    `in_degrees` takes its angles for degrees.
 
     Raises:
         ValueError: as `read_foreign`.
@@ -191,7 +223,12 @@ def _of_urdf(
     kind = "urdf"
     if root.tag == "sdf":
         kind = "sdf"
+        for pose in root.iter("pose") if in_degrees else ():
+            pose.set("degrees", "true")
         root = urdf_of_sdf(root)
+    for origin in root.iter("origin") if in_degrees and kind == "urdf" else ():
+        angles = [math.radians(float(word)) for word in origin.get("rpy", "").split()]
+        origin.set("rpy", " ".join(map(repr, angles)))
     if root.find("link") is None:
         raise ValueError("this is no URDF: there is no <robot> with a <link>")
     motors = _motorised(root)
@@ -372,15 +409,30 @@ def _tensors(spec: mujoco.MjSpec) -> dict[str, tuple[float, FloatArray]]:
     return tensors
 
 
-def is_impossible(tensor: FloatArray) -> bool:
-    """Return whether no rigid body has a (3, 3) inertia."""
+def flaw_of_inertia(tensor: FloatArray, most: float = np.inf) -> str:
+    """Return why no rigid body has a (3, 3) inertia; empty for one that can be.
+
+    `most` is the greatest moment that mass and size allow [kg m2].
+    """
     moments = np.linalg.eigvalsh(tensor)
-    return bool(moments[0] < 0.0 or 2.0 * moments[2] > moments.sum() * (1.0 + 1e-3))
+    least = float(moments[0])
+    greatest = float(moments[2])
+    if least < 0.0:
+        return f"with its products, it is {least:.4g} about one axis"
+    if 2.0 * greatest > moments.sum() * (1.0 + 1e-3):
+        return "about one axis it is more than about the two others together"
+    if greatest <= ROUNDED * most:
+        return ""
+    # of a body that is full, it is about half of that
+    apart = {unit: abs(np.log(2.0 * greatest * size / most)) for unit, size in _UNITS.items()}
+    unit = min(apart, key=lambda unit: apart[unit])
+    asked = "" if unit == "kg m2" else f" (is it in {unit}?)"
+    return f"mass and size allow {most:.4g} at most{asked}"
 
 
 # ------------------------------------------------------------------------------------ MJCF
-def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
-    """Return the robot of an MJCF.
+def _of_mjcf(path: Path, text: str, controller: NumbersByName, other_angle: bool) -> ForeignRobot:
+    """Return the robot of an MJCF, if told so with angles in the unit that it does not say.
 
     Raises:
         ValueError: as `read_foreign`.
@@ -392,6 +444,7 @@ def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
     root = foreign.xml_tree(text)
     gazebo.require_plain_wheels(root)
     spec = mujoco.MjSpec.from_string(text, assets=files)
+    spec.compiler.degree ^= other_angle
     foreign.name_parts(spec)
     tensors = _tensors(spec)
     foreign.complete_spec(spec, files)

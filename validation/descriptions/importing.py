@@ -21,7 +21,7 @@ from validation import output
 from validation.descriptions.foreign_robot import (
     LEAST_MASS,
     ForeignRobot,
-    is_impossible,
+    flaw_of_inertia,
     read_foreign,
 )
 from validation.descriptions.gazebo import driver_sizes
@@ -43,10 +43,18 @@ _MOST_FRICTION = 5.0
 _SURE_FRICTION = 1.0
 """Friction of ground on which motors whose torque nobody knows are taken to turn the robot on the
 spot [1]."""
-_LIGHTEST = 1.0
-"""Mass over the area between the wheels of the lightest robots [kg/m2]; of most it is 100."""
-_OTHER_UNITS = {"millimetres (mm)": 1e-3, "centimetres (cm)": 1e-2, "inches": 0.0254}
-"""Units that lengths are in by mistake [m]."""
+_DENSITIES = (1.2, 22_590.0)
+"""Masses over the cube of the mean distance of the wheels, of air and of osmium [kg/m3]."""
+_USUAL_DENSITY = 400.0
+"""The same of robots from toys to lorries [kg/m3]."""
+_WRONG_UNITS = {
+    "lengths are in millimetres (mm), wanted metres": 1e9,
+    "lengths are in centimetres (cm), or in mm with masses in grams, wanted m and kg": 1e6,
+    "lengths are in inches, wanted metres": 0.0254**-3,
+    "masses are in tonnes, wanted kilograms (kg)": 1e3,
+    "masses are in grams (g), wanted kilograms (kg)": 1e-3,
+}
+"""Units by mistake, and the density in right ones over that in these [1]."""
 _UNITS_OF_LISTS = dict.fromkeys(("body_size", "body_centre", "imu", "com"), "m")
 _UNITS_OF_LISTS |= dict.fromkeys(("wheel_inertia", "inertia"), "kg m2")
 _NEXT = (
@@ -193,7 +201,7 @@ def _draft_of(
 ) -> RobotDraft:
     """Return the file of a foreign robot."""
     work = _Import(foreign)
-    work.require_metres()
+    work.require_units()
     work.add_places()
     work.add_link()
     work.add_wheels(radius, width)
@@ -224,20 +232,24 @@ class _Import:
         plain = value if isinstance(value, float) else value.tolist()
         self.entries[key] = plain, f"published: {self.foreign.file}, {where}"
 
-    def require_metres(self) -> None:
-        """Raise a ValueError where the robot weighs as good as nothing for its size."""
+    @property
+    def radius(self) -> float:
+        """Radius of the wheels [m], which is known before masses."""
+        return float(np.ravel(self.entries["geometry.wheel_radius"][0])[0])
+
+    def require_units(self) -> None:
+        """Raise a ValueError where the robot is lighter than air, or heavier than any matter."""
         wheeled = self.wheeled
         mass, _, _ = wheeled.lump(wheeled.group(wheeled.root))
-        pressure = mass / (wheeled.wheelbase * wheeled.track)
-        if pressure >= _LIGHTEST or mass < 1e-6:
+        density = mass / (wheeled.wheelbase * wheeled.track) ** 1.5
+        if _DENSITIES[0] < density < _DENSITIES[1] or mass < 1e-6:
             return
-
-        def oddness(unit: str) -> float:
-            return abs(math.log(pressure / (100.0 * _LIGHTEST * _OTHER_UNITS[unit] ** 2)))
-
+        apart = {}
+        for unit, share in _WRONG_UNITS.items():
+            apart[unit] = abs(math.log(density * share / _USUAL_DENSITY))
         raise ValueError(
             f"its wheels stand {wheeled.wheelbase:.4g} by {wheeled.track:.4g} m apart and carry "
-            f"{mass:.3g} kg: lengths are in {min(_OTHER_UNITS, key=oddness)}, wanted metres"
+            f"{mass:.3g} kg: {min(apart, key=lambda unit: apart[unit])}"
         )
 
     def add_places(self) -> None:
@@ -265,7 +277,7 @@ class _Import:
         Raises:
             ValueError: neither.
         """
-        drums = [drum for drum in self.foreign.drums if drum is not None]
+        drums = [drum for drum in self.foreign.wheeled.drums if drum is not None]
         for key, given, sizes in (
             ("wheel_radius", radius, [drum.radius for drum in drums]),
             ("wheel_width", width, [2.0 * drum.half_width for drum in drums]),
@@ -296,14 +308,10 @@ class _Import:
                 "its wheels have no shape that touches the ground: contype and conaffinity are 0, "
                 "or their mesh is missing"
             )
-        text = (
+        return (
             "its tyres are no cylinders: measure their radius and width, and give --wheel-radius "
             "and --wheel-width to `import`"
         )
-        signs = self.wheeled.signs
-        if not np.all(signs == signs[0]):
-            text += "; the axes of its wheels have opposite signs, which deserves a look too"
-        return text
 
     def add_masses(self) -> None:
         """Add masses, centre of mass and moments of inertia.
@@ -330,7 +338,8 @@ class _Import:
             self.guesses.append("the wheels have no mass; it is estimated")
         self.add("mass.com", com, "everything but the wheels together")
         diagonal = np.diag(tensor)
-        if 2.0 * diagonal.max() > diagonal.sum():
+        reach = 0.5 * math.hypot(wheeled.wheelbase, wheeled.track) + 2.0 * self.radius
+        if flaw_of_inertia(np.diag(diagonal), base * reach**2):
             self.guesses.append("the body's inertia is that of no body; it is estimated")
         else:
             self.add("mass.inertia", diagonal, "everything but the wheels about its common centre")
@@ -340,8 +349,8 @@ class _Import:
 
     def _add_wheel_inertia(self, moments: FloatArray) -> None:
         """Add the inertia of a wheel; one that no body has is estimated, and it says so."""
-        for _, tensor in self.foreign.wheel_tensors():
-            if is_impossible(tensor):
+        for mass, tensor in self.foreign.tensors_of(self.wheeled.bodies).values():
+            if flaw_of_inertia(tensor, mass * self.radius**2):
                 self.guesses.append("a wheel's inertia is that of no body; it is estimated")
                 return
         inertia = np.array([0.5 * (moments[0] + moments[2]), moments[1]])
@@ -351,7 +360,7 @@ class _Import:
         """Add the box around the plain shapes of the body."""
         outline = self.wheeled.outline()
         low, high = np.zeros((2, 3)) if outline is None else outline
-        radius, _ = self.entries["geometry.wheel_radius"]
+        radius = self.radius
         width, _ = self.entries["geometry.wheel_width"]
         # an antenna, say
         if np.any(high - low < np.array([2.0, 1.0, 0.2]) * [radius, width, radius]):
@@ -375,9 +384,8 @@ class _Import:
             self.add("drive.torque_limit", min(efforts), "limits of the wheels' joints")
         speeds = [numbers["velocity"] for numbers in foreign.limits if "velocity" in numbers]
         if len(speeds) == len(WHEELS) and min(speeds) > 0.0:
-            size, _ = self.entries["geometry.wheel_radius"]
             where = "limits of the wheels' joints times their radius"
-            self.add("drive.v_max", float(np.multiply(min(speeds), size)), where)
+            self.add("drive.v_max", min(speeds) * self.radius, where)
         half, radius = driver_sizes(foreign.controller)
         if half is not None:
             self.add("drive.command_half_track", half, "half of the controller's wheel separation")

@@ -29,7 +29,7 @@ _NOTHING = 0.01
 _IMPRATIO = 100.0
 """Stiffness of friction against sliding over that of the contact, in which tyres stand still
 [1]."""
-STOPPING = ("held", "load", "effort", "motor_weak", "solver")
+STOPPING = ("held", "load", "effort", "motor_weak")
 """Kinds of what stops a robot, lifts it or leaves it without motors: whatever else it then does
 wrong follows from that."""
 Weighed = tuple[str, Literal["fault", "question", ""], str, str]
@@ -118,27 +118,25 @@ _INFLUENCES: Sequence[_Influence] = (
         "held",
         "",
         "density and viscosity of <option>",
-        lambda stand: stand.drag,
-        "{written} are those of a liquid, which holds it with {effect:.3g} N at {fast:.2g} m/s, "
-        "and friction pushes with {push:.3g} N at most",
-        over="push",
-        is_fault=False,
+        lambda stand: stand.model.opt.density + stand.model.opt.viscosity,
+        "{written} are those of a liquid, which holds it",
+        over="drives",
         mend="medium",
     ),
     _Influence(
         "held",
         "",
         "damping of the base's free joint",
-        lambda stand: stand.passive["damper"][1],
-        "{written} holds it with " + _MOMENT,
-        over="moment",
+        lambda stand: float(stand.model.dof_damping.max(initial=0.0)),
+        "{written} holds it",
+        over="drives",
         mend="damping of the base",
     ),
     _Influence(
         "held",
         "<dynamics damping>",
         "damping of the joints",
-        lambda stand: stand.passive["damper"][0],
+        lambda stand: stand.model.dof_damping[stand.dofs] * stand.rate,
         "{written} takes {effect:.3g} N m of {wheels} at {rate:.2g} rad/s" + _NEED,
         over="rate",
         mend="damping",
@@ -156,7 +154,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "held",
         "<spring_stiffness>",
         "stiffness of the joints",
-        lambda stand: stand.passive["spring"][0],
+        lambda stand: stand.model.jnt_stiffness[stand.joints] * 2.0 * np.pi,
         "{written}: a spring turns {wheels} back, after a turn with {effect:.3g} N m" + _NEED,
         over="rate",
         mend="stiffness",
@@ -338,10 +336,13 @@ _INFLUENCES: Sequence[_Influence] = (
         "solver",
         "",
         "solver and iterations of <option>",
-        SlowTurn.unsolved,
-        "{written} ({model.opt.iterations} sweeps) leave open {effect:.3g} N m of the ground's "
-        "torque on {wheels}: too few sweeps; take Newton, or more iterations" + _NEED,
-        over="need",
+        lambda stand: float(
+            stand.model.opt.solver != mujoco.mjtSolver.mjSOL_NEWTON
+            or stand.model.opt.iterations < 100
+        ),
+        "{written} ({model.opt.iterations} sweeps) leave torques of the ground on the wheels open: "
+        "too few sweeps; take Newton, or more iterations",
+        over="drives",
         mend="solver",
     ),
     _Influence(

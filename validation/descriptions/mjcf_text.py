@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of trees that were parsed before
 from collections.abc import Iterator, Mapping
-from typing import Any
 from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
 
 import mujoco
@@ -48,38 +47,35 @@ class MjcfText:
             self._parts["option", ""] = self._tags[id(option)]
             for flag in option.findall("flag"):
                 self._parts["flag", ""] = self._tags[id(flag)]
-        bodies = [child for world in root.findall("worldbody") for child in _flat(world)]
-        self._walk(spec.worldbody, bodies)
-        acting = [part for section in root.findall("actuator") for part in section]
-        self._pair_up("actuator", spec.actuators, acting)
+        self._elements = dict[str, list[ElementTree.Element]](body=[], joint=[], geom=[])
+        for world in root.findall("worldbody"):
+            self._walk(list(_flat(world)))
+        self._elements["actuator"] = root.findall("actuator/*")
+        parts = {"joint": spec.joints, "geom": spec.geoms, "actuator": spec.actuators}
+        for kind, those in {"body": spec.bodies[1:], **parts}.items():
+            elements = self._elements[kind]
+            if len(those) != len(elements):
+                raise ValueError(
+                    f"its {kind}s are not all written one by one, so that none can be changed in "
+                    "place"
+                )
+            for part, element in zip(those, elements, strict=True):
+                self._parts[kind, part.name] = self._tags[id(element)]
         pairs = root.findall("contact/pair")
         ties = root.findall("equality/*")
         for kind, elements in (("pair", pairs), ("equality", ties)):
             for number, element in enumerate(elements):
                 self._parts[kind, str(number)] = self._tags[id(element)]
 
-    def _pair_up(self, kind: str, parts: Any, elements: list[ElementTree.Element]) -> None:
-        """Note which elements the parts of a model are."""
-        parts = list(parts)
-        if len(parts) != len(elements):
-            raise ValueError(
-                f"its {kind}s are not all written one by one, so that none can be changed in place"
-            )
-        for part, element in zip(parts, elements, strict=True):
-            self._parts[kind, part.name] = self._tags[id(element)]
-
-    def _walk(self, body: Any, inside: list[ElementTree.Element]) -> None:
-        """Note the parts of a body and of all that hang on it."""
-        for kind in ("geom", "joint"):
-            tags = (kind, "freejoint") if kind == "joint" else (kind,)
-            own = [element for element in inside if element.tag in tags]
-            self._pair_up(kind, getattr(body, f"{kind}s"), own)
-        children = [element for element in inside if element.tag == "body"]
-        if len(children) != len(list(body.bodies)):
-            raise ValueError("its bodies are not all written one by one")
-        for child, element in zip(body.bodies, children, strict=True):
-            self._parts["body", child.name] = self._tags[id(element)]
-            self._walk(child, list(_flat(element)))
+    def _walk(self, inside: list[ElementTree.Element]) -> None:
+        """Note what is in a body, and then in those that hang on it: the order of a model."""
+        for element in inside:
+            if element.tag in ("geom", "joint", "freejoint"):
+                self._elements[element.tag.removeprefix("free")].append(element)
+        for element in inside:
+            if element.tag == "body":
+                self._elements["body"].append(element)
+                self._walk(list(_flat(element)))
 
     def __contains__(self, part: Part) -> bool:
         """Return whether a part is written in the text."""

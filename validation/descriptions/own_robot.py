@@ -41,13 +41,21 @@ class OwnRobot:
     """Whether its file fixes its base to the world; here it is free."""
 
     @mujoco_failures()
-    def __init__(self, text: str, files: Mapping[str, bytes], *, given_rates: bool = False) -> None:
+    def __init__(
+        self,
+        text: str,
+        files: Mapping[str, bytes],
+        *,
+        given_rates: bool = False,
+        least_step: float = 0.0,
+    ) -> None:
         """Build it.
 
         Args:
             text: the MJCF, with all that it includes.
             files: its other files, by name.
             given_rates: whether wheels turn at given rates, whatever torque that takes.
+            least_step: physics step [s] that takes the place of a shorter one.
 
         Raises:
             ValueError: it cannot be compiled, or has not four fixed wheels.
@@ -56,6 +64,11 @@ class OwnRobot:
         foreign.complete_spec(spec, files)
         for sensor in list(spec.sensors):
             spec.delete(sensor)
+        self.longer_step = max(least_step / spec.option.timestep, 1.0)
+        if self.longer_step > 1.0:
+            spec.option.timestep = least_step
+            # with which motors and dampers of any stiffness are stable
+            spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.measures = Measures()
         self.loads: FloatArray = np.empty(0)
         self.notes = list[str]()
@@ -90,7 +103,9 @@ class OwnRobot:
         """Find wheels and ground, which is added where there is none."""
         self.wheeled = wheeled = WheeledRobot(spec.compile(), any_direction=True)
         self.names = [wheeled.model.joint(joint).name for joint in wheeled.joints]
-        self.tyres = [wheeled.drum(joint) for joint in wheeled.joints]
+        self.tyres = [drum for drum in wheeled.drums if drum is not None]
+        if len(self.tyres) < len(self.names):
+            raise ValueError("a wheel has no shape that touches the ground (is its mesh missing?)")
         grounds = [wheeled.find_ground(joint) for joint in wheeled.joints]
         for ground in grounds:
             if ground is not None:
@@ -104,14 +119,8 @@ class OwnRobot:
     @property
     def bottom(self) -> float:
         """Height of the lowest point of the wheels as the file places them [m]."""
-        heights = []
-        for name, joint, drum in zip(self.names, self.wheeled.joints, self.tyres, strict=True):
-            if drum is None:
-                raise ValueError(
-                    f"wheel '{name}' has no shape that touches the ground (is its mesh missing?)"
-                )
-            heights.append(float(self.wheeled.data.xanchor[joint, 2]) - drum.radius)
-        return min(heights)
+        heights = self.wheeled.data.xanchor[self.wheeled.joints, 2]
+        return float((heights - [drum.radius for drum in self.tyres]).min())
 
     def _add_sensors(self, spec: Any, root: Any) -> None:
         """Add a site between the axles, and sensors of its motion and of the wheels' loads."""
@@ -151,9 +160,8 @@ class OwnRobot:
             spec.delete(spec.actuators[actuator])
         mass = float(model.body_subtreemass[self.wheeled.root])
         for name, drum, lag in zip(self.names, self.tyres, steps.tolist(), strict=True):
-            radius = 0.1 if drum is None else drum.radius
             joint = spec.joint(name)
-            joint.armature = armature = GIVEN_SHARE * mass * radius**2
+            joint.armature = armature = GIVEN_SHARE * mass * drum.radius**2
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
             damping = armature / (lag * model.opt.timestep)
             joint.damping = [damping, 0.0, 0.0]
@@ -206,7 +214,7 @@ class OwnRobot:
     @property
     def radius(self) -> float:
         """Mean radius of the wheels [m]."""
-        return float(np.mean([drum.radius for drum in self.tyres if drum is not None]))
+        return float(np.mean([drum.radius for drum in self.tyres]))
 
     @property
     def gravity(self) -> float:
@@ -385,7 +393,7 @@ class OwnRobot:
     def other_contacts(self) -> str:
         """Return the names of the robot's shapes that touch at rest, beside tyres on the ground."""
         model = self.model
-        tyres = {self.wheeled.model.geom(d.geom).name for d in self.tyres if d is not None}
+        tyres = {self.wheeled.model.geom(drum.geom).name for drum in self.tyres}
         root = model.body(self.wheeled.model.body(self.wheeled.root).name).id
         is_of_robot = model.body_rootid[model.geom_bodyid] == root
         found = set[str]()

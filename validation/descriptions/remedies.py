@@ -107,7 +107,7 @@ def _free_joint(robot: OwnRobot) -> list[Part]:
 def _shapes_of_contact(robot: OwnRobot) -> list[Part]:
     """Return the shapes of tyres and ground."""
     model = robot.wheeled.model
-    names = [model.geom(drum.geom).name for drum in robot.tyres if drum is not None]
+    names = [model.geom(drum.geom).name for drum in robot.tyres]
     return [("geom", name) for name in [*names, robot.ground]]
 
 
@@ -115,7 +115,7 @@ def _tyre_parts(robot: OwnRobot) -> list[Part]:
     """Return what says the contact of each tyre: its pairs, else its shape."""
     model = robot.wheeled.model
     parts = list[Part]()
-    for drum in filter(None, robot.tyres):
+    for drum in robot.tyres:
         hit = (model.pair_geom1 == drum.geom) | (model.pair_geom2 == drum.geom)
         parts += [("pair", str(pair)) for pair in np.flatnonzero(hit)]
         if not hit.any():
@@ -220,11 +220,11 @@ def _soften_contact(robot: OwnRobot, text: MjcfText) -> Edits:
 def _mend_shapes(robot: OwnRobot, text: MjcfText) -> Edits:
     """Return edits that make tyres round, put them on their axles, and give all one size."""
     wheeled = robot.wheeled
-    drums = list(filter(None, robot.tyres))
+    drums = robot.tyres
     radius = float(np.median([drum.radius for drum in drums]))
     width = float(np.median([drum.half_width for drum in drums]))
     edits = {}
-    for drum, joint in zip(drums, wheeled.joints, strict=False):
+    for drum, joint in zip(drums, wheeled.joints, strict=True):
         part = ("geom", wheeled.model.geom(drum.geom).name)
         values = dict[str, str]()
         is_angular = drum.kind in ("box", "oval", "lying")
@@ -248,7 +248,7 @@ def _mend_shapes(robot: OwnRobot, text: MjcfText) -> Edits:
 
 def _mend_sizes(robot: OwnRobot, text: MjcfText) -> Edits:
     """Return edits that give round tyres one size."""
-    is_odd = any(drum is not None and drum.flaw for drum in robot.tyres)
+    is_odd = any(drum.flaw for drum in robot.tyres)
     return {} if is_odd else _mend_shapes(robot, text)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -42,20 +42,19 @@ class SlowTurn:
         self.joints = foreign.wheeled.joints
         self.dofs = self.model.jnt_dofadr[self.joints]
         self.radius = robot.wheel_radius
-        self.radii = np.array([np.nan if drum is None else drum.radius for drum in foreign.drums])
+        self.radii = np.array(
+            [np.nan if drum is None else drum.radius for drum in foreign.wheeled.drums]
+        )
         self.slip = turn.slip
         self.weight = robot.mass * GRAVITY
         self.load = 0.25 * self.weight
         self.rim = _FROUDE * math.sqrt(GRAVITY * self.radius)
-        # of the balance's fastest drive
-        self.fast = 2.0 * self.rim
         self.rate = self.rim / self.radius
         self.slow = 0.1 * self.rate
         self.mu = np.nan_to_num(self.of_wheels("mu1"), nan=robot.friction)
         self.need = 0.5 * robot.friction * turning_torque(robot, turn)
         reach = 0.5 * math.hypot(robot.wheelbase, robot.track)
-        self.push = self.weight * robot.friction
-        self.moment = self.push * reach
+        self.moment = self.weight * robot.friction * reach
         self.grip = np.maximum(self.mu, _SLIPPERY) * self.load * self.radius
         self.one = 1.0
         # a line is noticed by what drives show, if at all
@@ -68,14 +67,13 @@ class SlowTurn:
         self.heights = foreign.wheeled.data.xanchor[self.joints, 2]
         self.gap = abs(float(self.heights @ (FRONT * LEFT)))
         self.strange = one_line(", ".join(self._strange_joints()))
-        self.passive = self._passive_moments(turn.yaw_rate * self.rim)
         ground = foreign.wheeled.find_ground(self.joints[0])
         # the third axis of a plane is its normal; other grounds are taken for level
         is_plane = self.model.geom_type[ground or 0] == mujoco.mjtGeom.mjGEOM_PLANE
         self.ground = foreign.wheeled.data.geom_xmat[ground or 0][2::3] * is_plane
         self.armature = float(self.model.dof_armature[self.dofs].max())
         self.softest = float(np.nanmin(self.of_wheels("gain"), initial=np.inf))
-        flaws = [drum.flaw if drum is not None else "" for drum in foreign.drums]
+        flaws = [drum.flaw if drum is not None else "" for drum in foreign.wheeled.drums]
         self.shapes = ", ".join(sorted(set(flaws) - {""}))
         # the hull of a mesh may be as good as round
         self.uneven = [0.9 * SPOILT if "mesh" in flaw else float(flaw != "") for flaw in flaws]
@@ -84,32 +82,6 @@ class SlowTurn:
         """Return a number of the wheels' surfaces, joints or motors."""
         numbers = zip(self.foreign.contacts, self.foreign.limits, strict=True)
         return np.array([(one | other).get(key, np.nan) for one, other in numbers])
-
-    def _passive_moments(self, yaw_rate: float) -> Mapping[str, tuple[FloatArray, float]]:
-        """Return what dampers and springs take in the turn, after a turn of the wheels.
-
-        Each has the torques of the wheels and the moment about the vertical [N m]. What a medium
-        takes of a drive ahead is kept as `drag` [N].
-        """
-        model = self.model
-        data = mujoco.MjData(model)
-        root = model.body_jntadr[self.foreign.wheeled.root]
-        is_free = model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE
-        yaw = model.jnt_dofadr[root] + 5 * is_free
-        data.qvel[yaw] = yaw_rate * is_free
-        data.qvel[self.dofs] = self.rate
-        data.qpos[model.jnt_qposadr[self.joints]] += 2.0 * np.pi
-        mujoco.mj_forward(model, data)
-        moments = {}
-        for name in ("damper", "spring"):
-            forces = np.abs(getattr(data, f"qfrc_{name}"))
-            moments[name] = forces[self.dofs], float(forces[yaw] * is_free)
-        ahead = yaw - 5 * is_free
-        data.qvel[:] = 0.0
-        data.qvel[ahead] = self.fast * is_free
-        mujoco.mj_forward(model, data)
-        self.drag = abs(float(data.qfrc_fluid[ahead] * is_free))
-        return moments
 
     def lost_rate(self, torque: FloatArray) -> FloatArray:
         """Return the share of its rate that a torque takes from each wheel; 1 where it stops."""
@@ -178,29 +150,6 @@ class SlowTurn:
             elif model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY:
                 tied[:] = max(tied[0], float(of_robot[ends].sum() == 1))
         return tied
-
-    def unsolved(self) -> FloatArray | float:
-        """Return what the solver's sweeps leave open of the ground's torques on the wheels [N m].
-
-        They turn against each other, pressed a little into the ground.
-        """
-        model = mujoco.MjModel.__copy__(self.model)
-        data = mujoco.MjData(model)
-        root = model.body_jntadr[self.foreign.wheeled.root]
-        gaps = self.of_wheels("gap")
-        if model.jnt_type[root] != mujoco.mjtJoint.mjJNT_FREE:
-            return 0.0
-        gap = np.nan_to_num(gaps).max()
-        data.qpos[model.jnt_qposadr[root] + 2] -= gap + _EQUAL * self.radius
-        data.qvel[self.dofs] = self.rate * self.foreign.wheeled.signs * LEFT
-        torques = []
-        for solver, most in ((model.opt.solver, 1), (mujoco.mjtSolver.mjSOL_NEWTON, 100)):
-            model.opt.solver = solver
-            model.opt.iterations = max(model.opt.iterations, most)
-            data.qacc_warmstart[:] = 0.0
-            mujoco.mj_forward(model, data)
-            torques.append(data.qfrc_constraint[self.dofs])
-        return abs(np.subtract(*torques))
 
     def has_suspension(self) -> bool:
         """Return whether something between base and wheels gives way."""

@@ -111,6 +111,8 @@ class WheeledRobot:
             )
         self.turn = self._turned(four)
         self._stand(four)
+        self.drums = [self.drum(joint) for joint in self.joints]
+        """Shapes with which the wheels touch the ground; None for a wheel without one."""
 
     @property
     def bodies(self) -> list[int]:
@@ -261,8 +263,7 @@ class WheeledRobot:
                 by_reason.setdefault(reason, []).append(shown)
         text = ""
         for reason, shown_names in by_reason.items():
-            verb = "is" if len(shown_names) == 1 else "are"
-            text += f"; {', '.join(shown_names[:8])} {verb} {reason}"
+            text += f"; {', '.join(shown_names[:8])}: {reason}"
         return text
 
     def _reason(self, joint: int) -> str:
@@ -401,7 +402,9 @@ class WheeledRobot:
         touches = (model.geom_contype | model.geom_conaffinity) != 0
         touches[np.append(model.pair_geom1, model.pair_geom2)] = True
         touching = is_on_wheel & touches
-        drums = [self._drum_of(geom, joint) for geom in np.flatnonzero(touching).tolist()]
+        # of a wheel that touches nothing, what might
+        shapes = np.flatnonzero(touching if touching.any() else is_on_wheel).tolist()
+        drums = [self._drum_of(geom, joint) for geom in shapes]
         return max(drums, key=lambda drum: drum.radius, default=None)
 
     def _drum_of(self, geom: int, joint: int) -> Drum:
@@ -539,11 +542,7 @@ class WheeledRobot:
             softness = np.hstack([model.geom_solimp[sides, :1], model.geom_solref[sides]])
             mixed = bool((np.ptp(softness, axis=0) > _HARD * np.abs(softness).max(axis=0)).any())
         slides = float(dimension > 1)
-        gap = np.nan
-        if ground is not None and model.geom_type[ground] != mujoco.mjtGeom.mjGEOM_HFIELD:
-            gap = mujoco.mj_geomDistance(model, self.data, drum.geom, ground, np.inf, None)
         return NumbersByName(
-            gap=gap,
             mu1=slides * mu1,
             mu2=slides * mu2,
             own=slides * own,

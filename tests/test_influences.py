@@ -185,7 +185,6 @@ def test_a_sound_robot_stands_on_any_ground(ground: str, tmp_path: Path) -> None
 
 
 LEFT_RIGHT = "<left_joint>fl</left_joint>"
-JOINT_TIE = '<equality><joint joint1="fl" joint2="fr"/></equality>'
 Disease = tuple[str, str, str, str, str]
 DISEASES: Mapping[str, Disease] = {
     "damped axles": ("urdf", 'damping="0"', 'damping="60"', "held", "damping"),
@@ -204,13 +203,6 @@ DISEASES: Mapping[str, Disease] = {
     "floating": ("xml", "MORE", '<option><flag gravity="disable"/></option>', "load", "gravcomp"),
     "upward": ("xml", "OPTION", 'gravity="0 0 9.81"', "load", "gravcomp"),
     "off": ("xml", "MORE", '<option><flag actuation="disable"/></option>', "motor_weak", "0 N m"),
-    "against each other": (
-        "xml",
-        "MORE",
-        '<equality><joint joint1="fl" joint2="rl" polycoef="0 -1 0 0 0"/></equality>',
-        "held",
-        "fl, rl",
-    ),
     "masks": ("xml", "GROUND", 'contype="2" conaffinity="2"', "load", "contype"),
     "excluded": (
         "xml",
@@ -221,13 +213,6 @@ DISEASES: Mapping[str, Disease] = {
     ),
     "mu 0": ("sdf", "<mu>0.7</mu><mu2>0.7", "<mu>0</mu><mu2>0", "which_friction", "friction of 0"),
     "condim 1": ("xml", "TYRE", 'condim="1"', "which_friction", "condim"),
-    "torsion": (
-        "xml",
-        'friction="0.7 .005 .0001"',
-        'friction="0.7 .3" condim="4"',
-        "which_friction",
-        "torsion",
-    ),
     "rolling": (
         "xml",
         'friction="0.7 .005 .0001"',
@@ -260,8 +245,6 @@ DISEASES: Mapping[str, Disease] = {
     "weak plugin": ("urdf", "</plugin>", "<torque>2</torque></plugin>", "motor_weak", "torque"),
     "weak motors": ("xml", "MOTOR", 'forcerange="-3 3"', "motor_weak", "3 N m"),
     "one way": ("xml", "MOTOR", 'ctrlrange="0 10"', "effort", "ctrlrange"),
-    "tied": ("xml", "MORE", JOINT_TIE, "held", "equality"),
-    "welded": ("xml", "MORE", '<equality><weld body1="base"/></equality>', "held", "equality"),
     "swapped": (
         "urdf",
         PLUGIN,

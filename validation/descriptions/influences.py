@@ -62,7 +62,6 @@ class _Influence(NamedTuple):
 
 
 _NEED = "; a turn on the spot needs {need:.3g} N m a wheel"
-_MOMENT = "{effect:.3g} N m in a turn on the spot, and friction gives {moment:.3g} N m at most"
 _INFLUENCES: Sequence[_Influence] = (
     _Influence(
         "held",
@@ -84,9 +83,10 @@ _INFLUENCES: Sequence[_Influence] = (
         "held",
         "",
         "<equality>",
-        SlowTurn.ties_across,
-        "an {written} ties {wheels} to the other side, to other rates or to the world: they cannot "
+        lambda stand: float(stand.model.eq_active0.any()),
+        "an {written} ties wheels to the other side, to other rates or to the world: they cannot "
         "turn as told",
+        over="drives",
         mend="ties",
     ),
     _Influence(
@@ -181,9 +181,9 @@ _INFLUENCES: Sequence[_Influence] = (
         "which_friction",
         "",
         "condim and torsional friction",
-        lambda stand: stand.weight * stand.of_wheels("torsion"),
-        "{written} of tyres and ground hold it with " + _MOMENT + " by sliding",
-        over="moment",
+        "torsion",
+        "{written} of tyres and ground hold it in a turn",
+        over="drives",
         mend="condim",
     ),
     _Influence(

@@ -53,8 +53,6 @@ class SlowTurn:
         self.slow = 0.1 * self.rate
         self.mu = np.nan_to_num(self.of_wheels("mu1"), nan=robot.friction)
         self.need = 0.5 * robot.friction * turning_torque(robot, turn)
-        reach = 0.5 * math.hypot(robot.wheelbase, robot.track)
-        self.moment = self.weight * robot.friction * reach
         self.grip = np.maximum(self.mu, _SLIPPERY) * self.load * self.radius
         self.one = 1.0
         # a line is noticed by what drives show, if at all
@@ -132,24 +130,6 @@ class SlowTurn:
         ways = gears * self.foreign.wheeled.signs
         most = 1.0 if ways.sum() >= 0.0 else -1.0
         return np.where(ways * most < 0.0, float((np.ptp(gears) > 0.0) == by_gear), 0.0)
-
-    def ties_across(self) -> FloatArray:
-        """Return 1 for wheels that an equality ties to one of the other side, or to the world."""
-        model = self.model
-        of_robot = np.append(model.body_rootid, 0) == self.foreign.wheeled.root
-        tied = np.zeros(4)
-        for k in np.flatnonzero(model.eq_active0).tolist():
-            ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
-            is_end = np.isin(self.joints, ends)
-            if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT:
-                # an angle that follows none is held
-                is_held = not model.eq_data[k, 1:5].any()
-                ratio = self.foreign.wheeled.signs[is_end].prod() * model.eq_data[k, 1]
-                is_other = np.ptp(LEFT[is_end]) > 0.0 or abs(ratio - 1.0) > _EQUAL
-                tied[is_end] = is_other if is_end.sum() == 2 else is_held
-            elif model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY:
-                tied[:] = max(tied[0], float(of_robot[ends].sum() == 1))
-        return tied
 
     def has_suspension(self) -> bool:
         """Return whether something between base and wheels gives way."""

@@ -418,26 +418,26 @@ class WheeledRobot:
         size = model.geom_size[geom]
         kind = mjtGeom(model.geom_type[geom])
         name = kind.name.removeprefix("mjGEOM_").lower()
-        if kind == mjtGeom.mjGEOM_SPHERE:
-            width = radius = float(size[0])
-        elif kind in (mjtGeom.mjGEOM_CYLINDER, mjtGeom.mjGEOM_CAPSULE):
-            radius = float(size[0])
-            width = float(size[1])
-            if along != 2 or local[2] < _PARALLEL:
-                name = "lying"
-        elif kind == mjtGeom.mjGEOM_MESH:
+        is_long = kind in (mjtGeom.mjGEOM_CYLINDER, mjtGeom.mjGEOM_CAPSULE)
+        if is_long and (along != 2 or local[2] < _PARALLEL):
+            name = "lying"
+        if is_long:
+            along = 2
+            size = size[[0, 0, 1]]
+        elif kind == mjtGeom.mjGEOM_SPHERE:
+            size = size[[0, 0, 0]]
+        across = np.delete(size, along)
+        radius = float(across.max())
+        width = float(size[along])
+        if kind == mjtGeom.mjGEOM_MESH:
             points = self._vertices(geom) @ turn.T + away
             beside = points @ axis
             distances = np.linalg.norm(points - np.outer(beside, axis), axis=1)
             radius = float(distances.max())
             width = 0.5 * float(np.ptp(beside))
             off = 0.0
-        else:
-            others = [float(size[k]) for k in range(3) if k != along]
-            radius = max(others)
-            width = float(size[along])
-            if kind == mjtGeom.mjGEOM_ELLIPSOID and np.ptp(others) > 1e-3 * radius:
-                name = "oval"
+        elif kind == mjtGeom.mjGEOM_ELLIPSOID and np.ptp(across) > 1e-3 * radius:
+            name = "oval"
         return Drum(geom, name, radius, width, off)
 
     def _vertices(self, geom: int) -> FloatArray:

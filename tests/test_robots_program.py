@@ -123,8 +123,8 @@ FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
     ),
     "inertia about the axle": (
         {"mass": {"wheel_inertia": [1.0, 1.5]}},
-        "1.5 kg m2 about its axle",
-        "m r^2 = 1.35",
+        "1.5, 1 kg m2 is the inertia of no body, and a wheel",
+        "mass and size allow 1.35 at most",
     ),
     "swapped inertia": (
         {"mass": {"wheel_inertia": [0.3, 0.7]}},

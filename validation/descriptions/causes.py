@@ -245,7 +245,8 @@ class Competition:
         closer = _gains_of_rows(before, self.after)
         rows = [row for row in gains if closer.get(row, 0.0) > 0.0 and row in before]
         # what the simulator ends, or no wheel carries, does nothing else
-        rows.sort(key=lambda row: (row not in (first, LOADS), -min(gains[row], closer[row])))
+        rows.sort(key=lambda row: -min(gains[row], closer[row]))
+        rows.sort(key=lambda row: (row not in (first, LOADS), row.startswith(ROLLING)))
         return next(iter(rows), "")
 
 

@@ -29,7 +29,7 @@ _BACK = "/back"
 _KIND = "nav_msgs/msg/Odometry"
 
 
-def connect_node(name: str, domain: int, sent: str, heard: str) -> Node:
+def _connect_node(name: str, domain: int, sent: str, heard: str) -> Node:
     """Return a node that sends odometry on one topic and receives it on another."""
     try:
         node = Node(name, Graph(domain=domain))
@@ -40,21 +40,21 @@ def connect_node(name: str, domain: int, sent: str, heard: str) -> Node:
     return node
 
 
-def send_odometry(node: Node, topic: str, stamp: float) -> None:
+def _send_odometry(node: Node, topic: str, stamp: float) -> None:
     """Send an odometry whose stamp [s] tells it from others."""
     node.publish(topic, msg.odometry_message(stamp, np.zeros(3), (0.1, 0.2), np.eye(3), np.eye(3)))
 
 
-def echo_messages(domain: int) -> None:
+def _echo_messages(domain: int) -> None:
     """Send back every message, without end."""
-    node = connect_node("echo", domain, _BACK, _THERE)
+    node = _connect_node("echo", domain, _BACK, _THERE)
     while True:
         for _, stamp in node.receive(1.0):
-            send_odometry(node, _BACK, stamp)
+            _send_odometry(node, _BACK, stamp)
 
 
 @contextlib.contextmanager
-def running_processes(codes: Sequence[str]) -> Iterator[None]:
+def _running_processes(codes: Sequence[str]) -> Iterator[None]:
     """Yield processes of Python that run these lines, killed at the end."""
     started = [subprocess.Popen([sys.executable, "-c", code]) for code in codes]
     try:
@@ -68,12 +68,12 @@ def running_processes(codes: Sequence[str]) -> Iterator[None]:
 def _round_trips(node: Node, count: int, busy: int) -> Row:
     """Send `count` messages while `busy` processes compute; count and time those that return."""
     trips: list[float] = []
-    with running_processes(["while True: pass"] * busy):
+    with _running_processes(["while True: pass"] * busy):
         start = time.monotonic()
         began = time.process_time()
         for k in range(count + int(RATE)):  # and a second for the last ones
             if k < count:
-                send_odometry(node, _THERE, time.monotonic())
+                _send_odometry(node, _THERE, time.monotonic())
             while (left := start + (k + 1) / RATE - time.monotonic()) > 0.0:
                 for _, stamp in node.receive(left):
                     if stamp >= start:
@@ -84,13 +84,13 @@ def _round_trips(node: Node, count: int, busy: int) -> Row:
     return {"busy_processes": busy, "load": os.getloadavg()[0], "messages": count, **row}
 
 
-def measure_round_trips(count: int, loads: Sequence[int]) -> list[Row]:
+def _measure_round_trips(count: int, loads: Sequence[int]) -> list[Row]:
     """Return a row for each number of processes that take all of a processor."""
     domain = 1 + os.getpid() % 100  # one that is hardly taken
-    node = connect_node("sender", domain, _THERE, _BACK)
-    with running_processes([f"from benchmarks.ros import echo_messages; echo_messages({domain})"]):
+    node = _connect_node("sender", domain, _THERE, _BACK)
+    with _running_processes([f"from benchmarks.ros import echo_messages; echo_messages({domain})"]):
         for _ in range(300):
-            send_odometry(node, _THERE, 0.0)
+            _send_odometry(node, _THERE, 0.0)
             if node.receive(0.1):
                 break
         else:
@@ -113,7 +113,7 @@ def main(
     if not 1.0 <= seconds <= 3600.0:
         raise ValueError(f"--seconds {seconds:g}: must be 1 to 3600")
     count = round(RATE * (2.0 if quick else seconds))
-    measure = partial(measure_round_trips, count, (0, os.cpu_count() or 1))
+    measure = partial(_measure_round_trips, count, (0, os.cpu_count() or 1))
     rows = measure_if_installed(quick, measure) or []
     report_rows(f"benchmarks/ros: odometry there and back, {RATE:g} Hz", rows, out)
 

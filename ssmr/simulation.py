@@ -85,7 +85,7 @@ def move_robot(
         y=multiply_add(half, y_rate, now.y),
         yaw=multiply_add(half, w_twice, now.yaw),
         v=v,
-        v_y=sideways_speed(v, w, robot.x_icr, robot.drift),
+        v_y=_sideways_speed(v, w, robot.x_icr, robot.drift),
         w=w,
         left=rates.left,
         right=rates.right,
@@ -96,7 +96,7 @@ def move_robot(
 
 
 @jit
-def sideways_speed(v: float, w: float, x_icr: float, drift: float) -> float:
+def _sideways_speed(v: float, w: float, x_icr: float, drift: float) -> float:
     """Return the body's speed to the left [m/s] at a forward speed and a yaw rate (Eq. 2.10)."""
     ahead: float = multiply_add(drift, v, x_icr)
     return -ahead * w
@@ -169,7 +169,7 @@ def start_of(
         state.y,
         state.yaw,
         state.v,
-        v_y=sideways_speed(state.v, state.w, x_icr, drift),
+        v_y=_sideways_speed(state.v, state.w, x_icr, drift),
         w=state.w,
         left=rates.left,
         right=rates.right,

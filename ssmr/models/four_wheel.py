@@ -251,7 +251,7 @@ def body_of(row: FloatArray) -> Body:
 
 
 @jit
-def contact_point(i: int, robot: FourWheels) -> AlongAcross:
+def _contact_point(i: int, robot: FourWheels) -> AlongAcross:
     """Return where wheel i touches the ground, ahead and to the left of the centre of mass [m]."""
     own = robot.own
     x = 0.5 * own.wheelbase if i < 2 else -0.5 * own.wheelbase
@@ -276,7 +276,7 @@ def _rim_speed(body: Body, i: int, robot: FourWheels) -> float:
 @jit
 def _sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWheels) -> AlongAcross:
     """Return the velocity of wheel i's rim over the ground [m/s]; it rolls at `rolling` [m/s]."""
-    place = contact_point(i, robot)
+    place = _contact_point(i, robot)
     along = motion[3] - motion[5] * place.y - rolling
     return AlongAcross(along, motion[4] + motion[5] * place.x)
 
@@ -435,7 +435,7 @@ def _advance_body(
         body.force_y[i] = force.y
         force_x = force_x + force.x
         force_y = force_y + force.y
-        lever = contact_point(i, robot)
+        lever = _contact_point(i, robot)
         moment = moment + lever.x * force.y - lever.y * force.x
     spun_up = _turn_wheels(body, left, right, robot)
     w = motion[5]

@@ -107,7 +107,7 @@ def tyre_force(slip: AlongAcross, load: float, tyre: Tyre) -> AlongAcross:
 
 
 @jit
-def limit_slip(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
+def _limit_slip(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
     """Return a slip shortened to the greatest at which a part of the contact grips.
 
     Brushes bend no further.
@@ -133,7 +133,7 @@ def bend_brushes(
     kept = 1.0 - fading
     x = kept * slip.x + grown * sliding.x
     y = kept * slip.y + grown * sliding.y
-    return limit_slip(AlongAcross(x, y), tyre)
+    return _limit_slip(AlongAcross(x, y), tyre)
 
 
 @jit
@@ -167,4 +167,4 @@ def steady_bend(sliding: AlongAcross, rolling: float, tyre: Tyre) -> AlongAcross
     stretch = 1.0 / max(abs(rolling), 1e-9 * speed)
     lead = _damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
     steady = stretch - lead
-    return limit_slip(AlongAcross(steady * sliding.x, steady * sliding.y), tyre)
+    return _limit_slip(AlongAcross(steady * sliding.x, steady * sliding.y), tyre)

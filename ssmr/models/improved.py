@@ -53,7 +53,7 @@ def _pack_constants(body: Any, parameters: Any, dt: float) -> tuple[float, float
 
 
 @jit
-def active_loads(
+def _active_loads(
     v: float, w: float, wheels: Sides, integral: Sides, robot: PlanarRobot
 ) -> tuple[float, float, Sides]:
     """Return the active force [N] and moment [N m], and the torques of both sides [N m].
@@ -125,13 +125,13 @@ def advance(
     per_moved = robot.dt * vehicle.per_moved
     per_turned = robot.dt * vehicle.per_turned
     pushed = vehicle.turned * disturbance
-    force, moment, torque = active_loads(v, w, wheels, integral, robot)
+    force, moment, torque = _active_loads(v, w, wheels, integral, robot)
     moment += pushed
     friction = improved_friction(force, rolling, rolling, v)
     friction_moment = improved_friction(moment, sticking, skidding, w)
     v_there = multiply_add(per_moved, force + friction, v)
     w_there = multiply_add(per_turned, moment + friction_moment, w)
-    force_there, moment_there, _ = active_loads(v_there, w_there, wheels, integral, robot)
+    force_there, moment_there, _ = _active_loads(v_there, w_there, wheels, integral, robot)
     moment_there += pushed
     v_next = slide_step(v, force, force_there, per_moved, rolling, rolling)
     w_next = slide_step(w, moment, moment_there, per_turned, sticking, skidding)

@@ -180,18 +180,18 @@ class LoadModel:
         """
         t = motion.t
         v_x, v_y, w = motion.twist.T
-        turn = rate_of_change(t, w)
-        a_x = rate_of_change(t, v_x) - w * v_y - w**2 * self.com_x - turn * self.com_y
-        a_y = rate_of_change(t, v_y) + w * v_x - w**2 * self.com_y + turn * self.com_x
+        turn = _rate_of_change(t, w)
+        a_x = _rate_of_change(t, v_x) - w * v_y - w**2 * self.com_x - turn * self.com_y
+        a_y = _rate_of_change(t, v_y) + w * v_x - w**2 * self.com_y + turn * self.com_x
         spin = v_x / wheel_radius
         if np.any(motion.wheels):
             spin = motion.wheels.mean(axis=1)
         return self.quasi_static(
-            np.column_stack([a_x, a_y]), gravity, spin, rate_of_change(t, spin), w
+            np.column_stack([a_x, a_y]), gravity, spin, _rate_of_change(t, spin), w
         )
 
 
-def rate_of_change(t: FloatArray, values: FloatArray) -> FloatArray:
+def _rate_of_change(t: FloatArray, values: FloatArray) -> FloatArray:
     """Return the (M,) rates of change of (M,) values.
 
     They are differences over a centred `_DIFFERENTIATED_OVER`, shorter at the ends.

@@ -173,9 +173,9 @@ class Program(Generic[P, R]):
             folder = Path(options.out or options.folder())
             require_writable(folder)
             require_apart(options, folder, options.writes())
-            with progress_bar(self.__name__) as show:
+            with _progress_bar(self.__name__) as show:
                 report = self.run(replace(options, progress=show, out=folder))
-            finish_program(report, options, output.make_folder(folder), picture)
+            _finish_program(report, options, output.make_folder(folder), picture)
 
         main.__doc__ = inspect.getdoc(self.function)
         main.__name__ = self.__name__
@@ -203,7 +203,7 @@ def _require_shown(options: Filmed) -> None:
         )
 
 
-def finish_program(
+def _finish_program(
     report: Report, options: Common, folder: Path, picture: Path | None = None
 ) -> None:
     """Save and print a report, show its recording, and raise its failure.
@@ -287,7 +287,7 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
 
 
 @contextlib.contextmanager
-def progress_bar(title: str) -> Iterator[output.Progressing]:
+def _progress_bar(title: str) -> Iterator[output.Progressing]:
     """Within, a progress bar on standard error; yield the callback that moves it.
 
     Where standard error is no terminal, a line every few seconds says the same.

@@ -91,7 +91,7 @@ def drive_source(plant: Plant, source: Source, localiser: Localiser) -> tuple[Tr
     return tuple(drive_piece(plant, piece, localiser, dt) for piece in source.pieces)
 
 
-def warm_up(plant: Plant) -> None:
+def _warm_up(plant: Plant) -> None:
     """Drive a plant for a moment, so that threads find its code compiled, and a fault shows."""
     plant.run(Commands(0.05, np.array([[0.1, 0.0]])), State(), 0.05)
 
@@ -146,7 +146,7 @@ def drive_all(
 
     # the time of a run shall not contain that of compiling
     for plant in plants.values():
-        warm_up(plant)
+        _warm_up(plant)
     with ThreadPoolExecutor(workers) as pool:
         try:
             return dict(zip(plants, pool.map(one_plant, plants), strict=True))

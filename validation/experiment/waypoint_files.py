@@ -115,7 +115,7 @@ def frame_of_waypoints(reference: str) -> str:
     return ""
 
 
-def generic_path(speed: float) -> Waypoints:
+def _generic_path(speed: float) -> Waypoints:
     """Return the generic trajectory: a lab's tight corners (docs/tracking.md).
 
     It is practicable at 0.25 m/s and hardly at 0.5. The thesis' own (Fig. 4.5) is lost. The
@@ -135,7 +135,7 @@ REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType(
         "line": line,
         "circle": circle,
         "sine": sine,
-        "generic": generic_path,
+        "generic": _generic_path,
         # of this project
         "eight": eight,
         "slalom": partial(sine, amplitude=0.35, wavelength=2.4, periods=4.0),  # at most 2.40 1/m

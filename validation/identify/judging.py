@@ -25,7 +25,7 @@ from validation.simulator.physics import SHIPPED
 from validation.simulator.terrain import FLAT
 
 
-def build_level_plant(model: str, plant: PlantProfile) -> Plant:
+def _build_level_plant(model: str, plant: PlantProfile) -> Plant:
     """Return a plant on level ground; a ParameterError says that it cannot have such numbers."""
     return plant_kind(model).build(plant, FLAT, SHIPPED)
 
@@ -50,7 +50,7 @@ def require_possible(problem: FitProblem, given: Container[str]) -> None:
     for end in ends:
         try:
             plant = with_values(problem.model, problem.base, list(end), end.values())
-            build_level_plant(problem.model, plant)
+            _build_level_plant(problem.model, plant)
         except ParameterError as error:
             lead = "".join(f"bounds of {name}: " for name in end)
             raise ValueError(f"{lead}{error}") from error
@@ -58,7 +58,7 @@ def require_possible(problem: FitProblem, given: Container[str]) -> None:
 
 def motions_of(problem: FitProblem, plant: PlantProfile, source: Source) -> tuple[Trajectory, ...]:
     """Drive a plant along one source; an SsmrError says that it diverged."""
-    return drive_source(build_level_plant(problem.model, plant), source, plant.localiser)
+    return drive_source(_build_level_plant(problem.model, plant), source, plant.localiser)
 
 
 def plant_on(problem: FitProblem, point: FloatArray, source: Source) -> PlantProfile:

@@ -146,7 +146,7 @@ def estimate_uncertainty(
             slopes[:, finite],
             one_sided[:, finite],
             problem,
-            prior_deviations(problem)[finite],
+            _prior_deviations(problem)[finite],
         )
     # a search that was stopped is off by the rest of its way
     rest = _still_to_go(point, with_prior, all_slopes, problem)
@@ -173,7 +173,7 @@ def estimate_uncertainty(
         np.where(finite[:, None], np.stack(list(map(problem.space.values, ends)), axis=1), np.nan),
         correlation,
         share,
-        share >= VAGUE * prior_deviations(problem),
+        share >= VAGUE * _prior_deviations(problem),
         f"{method}, limited by the bounds",
         without=_points_without_parts(point, with_prior, all_slopes, problem),
         spread=spread,
@@ -185,7 +185,7 @@ def usual_spread(name: str) -> float:
     return _USUAL_SPREADS.get(name.partition("@")[0], USUAL_SPREAD)
 
 
-def prior_deviations(problem: FitProblem) -> FloatArray:
+def _prior_deviations(problem: FitProblem) -> FloatArray:
     """Return the (n,) standard deviations of numbers without any data, in the unit cube."""
     return np.minimum(IGNORANCE, problem.spread)
 
@@ -440,7 +440,7 @@ def uncertainty_sentences(
     share = uncertainty.share
     touched = set[str]()
     advice = "it is little more than a guess" if problem.robust else "use --fix"
-    known = prior_deviations(problem) * problem.space.slopes(point)
+    known = _prior_deviations(problem) * problem.space.slopes(point)
     for k in np.flatnonzero(uncertainty.untold).tolist():
         p = problem.space.parameters[k]
         touched.add(p.name)

@@ -152,7 +152,7 @@ def list_objections(
     for part, what in (("position", "positions"), ("yaw", "headings")):
         if is_better(getattr(was, part), getattr(now, part), horizon):
             objections.append(f"{what} are worse, by more than chance")
-    way, turn = still_errors(list(chain(*driven)), horizon)
+    way, turn = _still_errors(list(chain(*driven)), horizon)
     unexplained = [
         f"{error.mean():.2f} {unit} on a {what} of {size.mean():.2f} {unit}"
         for error, size, what, unit in (
@@ -168,7 +168,7 @@ def list_objections(
     return objections
 
 
-def still_errors(driven: Driven, horizon: float) -> tuple[FloatArray, FloatArray]:
+def _still_errors(driven: Driven, horizon: float) -> tuple[FloatArray, FloatArray]:
     """Return (W,) errors of positions [m] and headings [rad] of a plant that does not move.
 
     They are those over all windows of a horizon [s].

@@ -71,7 +71,7 @@ def _model_of(section: PlantProfile) -> PlanarModel:
     return PlanarModel(section.parameters, section.vehicle, section.drive)
 
 
-def default_parameters(kind: type, robot: Robot) -> Any:
+def _default_parameters(kind: type, robot: Robot) -> Any:
     """Return the thesis' parameters of a planar model, scaled to a robot's size.
 
     Friction and shares stay as they are. Of robots of one shape that do all things in the same
@@ -105,7 +105,7 @@ def _kinematic_defaults(robot: Robot) -> KinematicParameters:
     closed form: the sides' rims move at -1 and 1 m/s, the middle at (forward, across), and
     v - omega y is a side's rim speed at its centre of rotation.
     """
-    numbers: KinematicParameters = default_parameters(KinematicParameters, robot)
+    numbers: KinematicParameters = _default_parameters(KinematicParameters, robot)
     turn = spot_turn(robot)
     is_given = "vehicle.effective_half_track" in robot.given
     if is_given or turn is None or turn.yaw_rate <= 0.0:
@@ -174,7 +174,9 @@ def declare(name: str) -> PlantKind:
     return PlantKind(
         name,
         law.parameters,
-        _kinematic_defaults if name == "kinematic" else partial(default_parameters, law.parameters),
+        _kinematic_defaults
+        if name == "kinematic"
+        else partial(_default_parameters, law.parameters),
         lambda section, *_: PlanarPlant(_model_of(section)),
         _KINEMATIC if law.ideal else free,
         colour=law.colour,

@@ -145,11 +145,11 @@ def chapter_of(section: Section, findings: Findings) -> Chapter:
         lower = order_of(first)
         upper = order_of(last or first)
         rows = [row for row in findings.rows if lower <= order_of(row.table) <= upper]
-        tables.append(_side_by_side(f"{table_name(numbers)}. {caption}", rows))
+        tables.append(_side_by_side(f"{_table_name(numbers)}. {caption}", rows))
     text = "\n".join(sentences).strip()
-    where = ", ".join(map(table_name, section.tables))
+    where = ", ".join(map(_table_name, section.tables))
     if len(section.tables) > 2:
-        where = f"{table_name(section.tables[0])}–{section.tables[-1]}"
+        where = f"{_table_name(section.tables[0])}–{section.tables[-1]}"
     return Chapter(f"{title.removeprefix('# ')} ({where})", [*tables, *findings.more], text)
 
 
@@ -189,7 +189,7 @@ def swept_rows(
     return swept.rows
 
 
-def table_name(number: str) -> str:
+def _table_name(number: str) -> str:
     """The name of a table, such as `Tab. 3.9`; a section or figure without one keeps its own."""
     if number[0].isdigit():
         return f"Tab. {number}"

@@ -151,7 +151,7 @@ def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping
     return rows
 
 
-def measure_draw(number: str, seed: int, supposed: bool = False) -> Row:
+def _measure_draw(number: str, seed: int, supposed: bool = False) -> Row:
     """Return the metrics of a table, see `RULE_OF`, with one draw of noise and disturbance.
 
     There are none where a robot lost the reference.
@@ -160,7 +160,7 @@ def measure_draw(number: str, seed: int, supposed: bool = False) -> Row:
         number: number of the table.
         seed: seed of the draw.
         supposed: whether under the supposition about what the thesis does not print, see
-            `supposition_for`.
+            `_supposition_for`.
     """
     theirs = published.printed_table(number)
     gains = load_gains(theirs["controller"], theirs.get("gains", "published"))
@@ -198,14 +198,14 @@ def track_tables(numbers: Sequence[str], task: Task) -> dict[str, Rows]:
     """Return tables of the thesis beside ours, which are means over the draws that kept to it."""
     variants = {}
     for number, seed in product(numbers, range(task.draws)):
-        for supposed in (False, True) if supposition_for(number) else (False,):
+        for supposed in (False, True) if _supposition_for(number) else (False,):
             variants[f"Tab. {number}, draw {seed}{', supposed' * supposed}"] = (
                 number,
                 seed,
                 supposed,
             )
     measured: dict[tuple[str, bool], list[Row]] = {}
-    rows = swept_rows(variants, lambda variant: measure_draw(*variant), task)
+    rows = swept_rows(variants, lambda variant: _measure_draw(*variant), task)
     for (number, _, supposed), row in zip(variants.values(), rows, strict=True):
         measured.setdefault((number, supposed), []).append(row)
     return {number: _table_rows(number, measured, task.draws) for number in numbers}
@@ -240,7 +240,7 @@ def _table_rows(
         )
         if under is not None:
             other = replace(pair, ours=under, spread=its_spread)
-            pair = replace(pair, supposed=other, supposition=supposition_for(number))
+            pair = replace(pair, supposed=other, supposition=_supposition_for(number))
         pairs[metric] = pair
     return {f"{theirs['trajectory']}_{theirs['speed_m_s']:.2f}": pairs}
 
@@ -260,7 +260,7 @@ def supposed_path(motion: Trajectory) -> Trajectory:
     return Trajectory(motion.t[k], motion.pose[k], motion.twist[k], motion.wheels[k])
 
 
-def supposition_for(number: str) -> str:
+def _supposition_for(number: str) -> str:
     """The supposition for a table of the thesis, without a full stop; empty if there is none."""
     theirs = published.printed_table(number)
     if theirs["comparison"] != "reference_vs_simulated":

@@ -55,7 +55,7 @@ def variance_above(values: FloatArray, rate: float) -> float:
     return float(np.var(noise, ddof=1))
 
 
-def drive_case(name: str) -> Trajectory:
+def _drive_case(name: str) -> Trajectory:
     """Return the MuJoCo Husky's motion under the command of a case of Tab. 3.3, after `_LEAD`."""
     case = published.printed_table("3.3")["rows"][name]
     n = round((_LEAD + _TIME) / COMMAND_PERIOD)
@@ -93,7 +93,7 @@ def _find_noise(task: Task) -> Findings:
     settings = odometry_of(load_profile(_PROFILE).plants[_PLANT].drive)
     found = np.empty((3, len(_STRAIGHT), draws, len(_SIGNALS)))
     for case, name in enumerate(_STRAIGHT):
-        motion = drive_case(name)
+        motion = _drive_case(name)
         x, y, yaw = motion.pose[0].tolist()
         v, _, w = motion.twist[0].tolist()
         start = State(x, y, yaw, v_x=v, yaw_rate=w)

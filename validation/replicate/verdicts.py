@@ -185,7 +185,7 @@ def criterion_of(table: str, row: str) -> Entry:
     return next(matching, Entry(tables=(table,), rows=(row,)))
 
 
-def share_of_range(value: float, bounds: Sequence[float], scale: Scale = "linear") -> float:
+def _share_of_range(value: float, bounds: Sequence[float], scale: Scale = "linear") -> float:
     """Return where a number lies in its search's range, from 0 to 1 on the scale of the search."""
     ends = np.array([*bounds, value])
     if scale == "log":
@@ -198,12 +198,12 @@ def at_bound(value: float | None, bounds: Sequence[float], scale: Scale = "linea
     """Whether a number lies at an end of its search's range; never without one, or outside it."""
     if value is None or not bounds:
         return False
-    share = share_of_range(value, bounds, scale)
+    share = _share_of_range(value, bounds, scale)
     inside = min(share, 1.0 - share)
     return 1.0 - _ROUNDING <= inside <= AT_BOUND
 
 
-def compare_numbers(pair: Pair, within: Sequence[float] = ()) -> Status:
+def _compare_numbers(pair: Pair, within: Sequence[float] = ()) -> Status:
     """Return the verdict on two numbers that can be compared; `within` are the limits of words."""
     ours = pair.ours
     assert ours is not None
@@ -217,7 +217,7 @@ def compare_numbers(pair: Pair, within: Sequence[float] = ()) -> Status:
         agrees = apart <= reach
         if pair.bounds:
             ends = (
-                share_of_range(x, pair.bounds, pair.scale) for x in (ours - reach, ours + reach)
+                _share_of_range(x, pair.bounds, pair.scale) for x in (ours - reach, ours + reach)
             )
             least, most = np.clip(list(ends), 0.0, 1.0)
             if most - least > TOO_WIDE:
@@ -248,7 +248,7 @@ def judge_number(
     obstacle = _find_obstacle(pair, about)
     if obstacle is not None:
         return obstacle
-    status = compare_numbers(pair, criterion_of(table, row).within.get(metric, ()))
+    status = _compare_numbers(pair, criterion_of(table, row).within.get(metric, ()))
     if status == "agrees":
         return Verdict(status)
     if status == "not told apart":
@@ -299,7 +299,7 @@ def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Ver
 
 def _agrees_if(pair: Pair) -> bool:
     """Whether our number agrees under its supposition."""
-    return pair.supposed is not None and compare_numbers(pair.supposed) == "agrees"
+    return pair.supposed is not None and _compare_numbers(pair.supposed) == "agrees"
 
 
 def judged_rows(tables: Mapping[str, Rows]) -> list[JudgedRow]:

@@ -245,7 +245,7 @@ def regret_of_choice(costs: FloatArray, truth: FloatArray) -> float:
     return float(means[chosen] / means[best] - 1.0)
 
 
-def resampled_intervals(
+def _resampled_intervals(
     values: Callable[[NDArray[np.intp]], Any], rows: int, seed: int
 ) -> FloatArray:
     """Return the (2, ...) ends of the 90 % intervals of what `rows` references give.
@@ -274,7 +274,7 @@ def cost_agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> Docum
             costs[rows], truth[rows]
         )
 
-    low, high = resampled_intervals(drawn, len(costs), seed)
+    low, high = _resampled_intervals(drawn, len(costs), seed)
     same = 0
     for row, true in zip(costs[:, None], truth[:, None], strict=True):
         same += chosen_column(row, true) == chosen_column(true, true)
@@ -307,7 +307,7 @@ def _list_findings(
     plants = {}
     for plant, costs in tables.items():
         agreed = cost_agreement(costs, truth, seed)
-        low, high = resampled_intervals(partial(_drawn_means, costs), len(costs), seed)
+        low, high = _resampled_intervals(partial(_drawn_means, costs), len(costs), seed)
         means = {measure: mean_costs(table_of(plant, measure)) for measure in _MEANS}
         # sums over different references cannot be compared
         kept = np.isfinite(costs).all(axis=0) & np.isfinite(truth).all(axis=0)

@@ -50,7 +50,7 @@ def mujoco_shares(
     calibration = husky(
         friction=FRICTION,
         wheel_radius=HUSKY.vehicle.wheel_radius,
-        mass=HUSKY.mass,
+        mass=HUSKY.vehicle.mass,
         timestep=timestep,
     )
     plant = MujocoPlant(calibration, Drive(), settings=PhysicsSettings(impratio=impratio))

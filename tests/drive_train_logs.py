@@ -11,7 +11,8 @@ from ssmr.types import FloatArray
 from validation.files.log import Log
 from validation.identify.blocks import FitNumbers
 from validation.identify.driver import driven_rates
-from validation.identify.motor_logs import Chassis, chassis_of
+from validation.identify.motor_logs import chassis_of
+from validation.plants.kind import PlantProfile
 from validation.plants.profile import choose_profile, load_profile
 
 HUSKY, WARTHOG = (
@@ -53,14 +54,14 @@ class Motion(NamedTuple):
 
 
 def random_drive(
-    seed: int, commands: int, chassis: Chassis, law: FitNumbers = LAW, most: float = 0.7
+    seed: int, commands: int, chassis: PlantProfile, law: FitNumbers = LAW, most: float = 0.7
 ) -> Motion:
     """Return random commands of 6 s each after 3 s of rest, and the wheel rates of a driver."""
     rng = np.random.default_rng(seed)
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])
     held = np.repeat(chosen, [300, *[600] * commands], axis=0)
     late = round(law["dead_time"] / _FINE)
-    rates = driven_rates(held, _FINE, law, chassis)[:, : len(held) - late]
+    rates = driven_rates(held, _FINE, law, chassis.drive)[:, : len(held) - late]
     rates = np.hstack([np.zeros((2, 1 + late)), rates])
     return Motion(np.arange(len(held) + 1) * _FINE, np.vstack([held, held[-1:]]), rates)
 
@@ -71,7 +72,7 @@ def bridge_log(
     """Return the log of a Husky: set points in steps, and |I| while the bridge drives."""
     rng = np.random.default_rng(seed)
     chassis = HUSKY
-    step = 0.01 / chassis.command_radius
+    step = 0.01 / chassis.drive.command_radius
     sent = np.arange(0.0, motion.t[-1] - _ROWS, _MESSAGES)
     sent += rng.uniform(0.0, _ROWS, len(sent))  # at no fixed time from the rows
     at = np.rint(sent / _FINE).astype(int)
@@ -145,7 +146,7 @@ def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -
     return Log.of_columns(f"{name}.csv", columns)
 
 
-def _effort(rates: FloatArray, chassis: Chassis, slip: float) -> tuple[FloatArray, FloatArray]:
+def _effort(rates: FloatArray, chassis: PlantProfile, slip: float) -> tuple[FloatArray, FloatArray]:
     """Return (2, n) forces over friction limits, (n,) headings of a robot without acceleration."""
     twist = _quasi_static_twist(rates, chassis.vehicle, slip)
     return side_forces(rates, chassis.vehicle, slip), np.cumsum(twist[2]) * _FINE

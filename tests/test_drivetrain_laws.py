@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ from ssmr.types import Commands, FloatArray, State
 from tests.conftest import ROUNDOFF
 from tests.robots import TRACK, WHEELBASE
 from validation.identify.driver import driven_rates
-from validation.identify.motor_logs import Chassis
 
 HUSKY = Vehicle(wheel_radius=0.1651, half_track=0.5 * TRACK, a=0.5 * WHEELBASE, b=0.5 * WHEELBASE)
 SOLVED = 1e-9
@@ -41,7 +41,7 @@ LAW = {
     "yaw_acceleration": 1.9,
     "lag": 1e-6,
 }
-UP = Chassis("up", HUSKY, 73.3, 0.1651, 1.0)
+UP = Drive(v_max=1.0, command_radius=0.1651)
 
 rates = st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0)).map(
     lambda pair: np.array(pair)[:, None]
@@ -176,7 +176,7 @@ def test_a_driver_is_the_drive_of_the_plants() -> None:
         wheel_lag=0.05,
     )
     commanded = wheel_references(Commands(DT, commands), drive, DT, State()) * drive.command_radius
-    free = UP._replace(speed_limit=10.0, command_radius=drive.command_radius)
+    free = replace(UP, v_max=10.0, command_radius=drive.command_radius)
     late = round(law["dead_time"] / DT)
     made = driven_rates(commands, DT, law, free).T * drive.command_radius
     assert np.allclose(made[:-late], commanded[late:], atol=1e-12)

@@ -25,6 +25,7 @@ from validation.replicate.chapters import (
     Findings,
     Section,
     Task,
+    chapter_lines,
     chapter_of,
     chosen_sections,
     read_template,
@@ -243,7 +244,7 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(
     assert {row["straight_share"].obstacle for row in measured.tables["Sec. 3.7"].values()} == {
         "install it"
     }
-    assert "install it" in "\n".join(chapter_of(section("gazebo"), measured).markdown())
+    assert "install it" in "\n".join(chapter_lines(chapter_of(section("gazebo"), measured)))
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ from validation.identify.targets import (
     split_ground,
     without_ground,
 )
-from validation.output import Progress, file_name, one_line, said_once
+from validation.output import Document, Progress, file_name, one_line, said_once
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import PLANTS
 from validation.refitting import ESSENTIAL, fit_widely, settings_of
@@ -299,11 +299,12 @@ class Calibrated(Report):
         marks = []
         for s in self.fits:
             marker = "s" if s.options["input"] == "wheels" else "o"
-            inks = {"before": drawing.ink_of(s.model, 0.5), "after": drawing.ink_of(s.model)}
             for when, scored in s.judged.items():
-                name = f"{_fit_label(s)}, {when}"
-                marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.overlapping))
-        legend = [drawing.key_line(m.name, color=m.ink, marker=m.marker) for m in marks]
+                ink = drawing.ink_of(s.model, 0.5 * (when == "before"))
+                label = f"{_fit_label(s)}, {when}"
+                look: Document = {"label": label, "color": ink, "marker": marker}
+                marks.append((scored.overlapping, look))
+        legend = [drawing.key_line(**look) for _, look in marks]
         panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
         verdicts = list(map(_say_verdict, self.fits))
         row = drawing.PanelRow(3.6, panels)

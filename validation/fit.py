@@ -369,12 +369,12 @@ class Fitted(SearchReport):
         for k, (name, s) in enumerate(self._named):
             if s.overlapping:
                 colour = ink if s in self.train.values() else drawing.BESIDE_INK
-                marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.overlapping))
+                look = {"label": name, "color": colour, "marker": "osvDP"[k % 5]}
+                marks.append((s.overlapping, look))
 
         def position(ax: Axes) -> None:
             drawing.draw_horizons(marks, "position", ax)
-            handles = [drawing.key_line(color=m.ink, marker=m.marker) for m in marks]
-            ax.legend(handles, [m.name for m in marks], fontsize=8.5)
+            ax.legend(fontsize=8.5)
 
         rows = []
         if marks:

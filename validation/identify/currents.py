@@ -30,7 +30,6 @@ from ssmr.types import FloatArray
 from validation.experiment.sources import RECORDING, Source
 from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks, values_of
 from validation.identify.motor_logs import (
-    Chassis,
     DriveLog,
     MotorSamples,
     Sensor,
@@ -38,6 +37,7 @@ from validation.identify.motor_logs import (
     sensor_of,
     steady_samples,
 )
+from validation.plants.kind import PlantProfile
 
 COULOMB_SCALE = 1e-4
 """Slip scale of a contact that is a Coulomb one as far as any current shows [1]."""
@@ -162,7 +162,7 @@ class CurrentFit(NamedTuple):
     sign: Sign  # that of the log
 
 
-def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) -> CurrentFit:
+def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: PlantProfile) -> CurrentFit:
     """Return friction, losses and slip scale from currents, and the rule that these follow.
 
     Logs that are held out judge the rules; if there are none, rules fitted to the log's first part
@@ -222,7 +222,7 @@ def _join_samples(parts: Sequence[MotorSamples]) -> MotorSamples:
 
 
 def _torques_of(
-    log: DriveLog, chassis: Chassis, constant: float, own_loss: float
+    log: DriveLog, chassis: PlantProfile, constant: float, own_loss: float
 ) -> tuple[FloatArray | None, str]:
     """Return (M, 2) torques of both motors [N m], and a sentence on where they come from.
 
@@ -298,7 +298,7 @@ def _refuse_unexplained(fit: CurrentFit) -> None:
             raise ValueError(f"on the {side} they would need a negative loss, {loss:.3g}")
 
 
-def with_torques(source: Source, chassis: Chassis, constant: float, own_loss: float) -> Source:
+def with_torques(source: Source, chassis: PlantProfile, constant: float, own_loss: float) -> Source:
     """Return a source with the torques that the currents of its log tell.
 
     What was found, or why nothing was, stands among its remarks. Logs without currents stay as

@@ -30,7 +30,8 @@ from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from validation.files.signals import refreshed
 from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks, values_of
-from validation.identify.motor_logs import Chassis, DriveLog, require_currents
+from validation.identify.motor_logs import DriveLog, require_currents
+from validation.plants.kind import PlantProfile
 
 LEAST_COMMANDS = 8
 """Fewest held commands that seven numbers are fitted to."""
@@ -56,10 +57,10 @@ _OUTLIER = 0.6
 _LEAST_TRANSIENTS = 5  # fewest that tell an inertia
 
 
-def driven_rates(commands: FloatArray, dt: float, law: FitNumbers, chassis: Chassis) -> FloatArray:
+def driven_rates(commands: FloatArray, dt: float, law: FitNumbers, own: Drive) -> FloatArray:
     """Return (2, n) wheel rates [rad/s] that a driver asks for at the end of each period.
 
-    The dead time is left out. No rim is faster than the chassis allows: where one would be, both
+    The dead time is left out. No rim is faster than `v_max`: where one would be, both
     sides are slowed by the same share.
 
     Args:
@@ -67,7 +68,7 @@ def driven_rates(commands: FloatArray, dt: float, law: FitNumbers, chassis: Chas
             all stands.
         dt: see above.
         law: numbers of the driver.
-        chassis: nominal numbers of the robot.
+        own: the robot's driver, whose command radius and greatest speed count.
     """
     drive = Drive(
         v_max=math.inf,
@@ -76,14 +77,14 @@ def driven_rates(commands: FloatArray, dt: float, law: FitNumbers, chassis: Chas
         delay_w=0.0,
         hold=dt,
         command_half_track=law["half_track"] / law["gain"],
-        command_radius=chassis.command_radius / law["gain"],
+        command_radius=own.command_radius / law["gain"],
         acceleration_v=law["acceleration"],
         acceleration_w=law["yaw_acceleration"],
     )
     wanted = wheel_references(Commands(dt, commands), drive, dt, State()).T
-    fastest = chassis.command_radius * np.abs(wanted).max(axis=0)
+    fastest = own.command_radius * np.abs(wanted).max(axis=0)
     stays = math.exp(-dt / law["lag"])
-    limited = wanted / np.maximum(fastest / chassis.speed_limit, 1.0)
+    limited = wanted / np.maximum(fastest / own.v_max, 1.0)
     return np.asarray(lfilter([1.0 - stays], [1.0, -stays], limited))
 
 
@@ -166,7 +167,7 @@ def _message_ages(log: DriveLog) -> FloatArray:
 class CommandLog:
     """A log with the commands that count, and how its rates are written."""
 
-    def __init__(self, log: DriveLog, chassis: Chassis, least: int = 0) -> None:
+    def __init__(self, log: DriveLog, chassis: PlantProfile, least: int = 0) -> None:
         """Take a log; a ValueError says that fewer commands than `least` were held and obeyed."""
         held = held_commands(log)
         if log.commands is None or len(held) < least:
@@ -187,7 +188,7 @@ class CommandLog:
         """Return (2, ...) wheel rates [rad/s] that a driver makes of the commands at times [s]."""
         grid = np.arange(self.log.t[0], self.log.t[-1], _GRID)
         rows = np.searchsorted(self.log.t, grid + 0.5 * _GRID, side="right") - 1
-        rates = driven_rates(self.commands[rows], _GRID, law, self.chassis)
+        rates = driven_rates(self.commands[rows], _GRID, law, self.chassis.drive)
         late = t - law["dead_time"]
         return np.stack([np.interp(late, grid + _GRID, side, left=0.0) for side in rates])
 
@@ -239,7 +240,7 @@ class DriverFit(NamedTuple):
 
 
 def fit_driver(
-    log: DriveLog, held_out: Sequence[DriveLog], others: Sequence[DriveLog], chassis: Chassis
+    log: DriveLog, held_out: Sequence[DriveLog], others: Sequence[DriveLog], chassis: PlantProfile
 ) -> DriverFit:
     """Return what a driver makes of commands, fitted to one log and judged on others.
 

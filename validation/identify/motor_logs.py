@@ -40,26 +40,23 @@ _TOGETHER = 0.05  # so much later a row may still hold what was measured with a 
 _BATTERY_ON, _USUAL_VOLTAGE = 1.0, 24.0  # lower voltages are not yet measured [V]; where none is
 
 
-class Chassis(NamedTuple):
-    """Nominal numbers of a robot; nothing of them is fitted."""
+def chassis_of(profile: Profile, mass: float | None = None) -> PlantProfile:
+    """Return the nominal numbers of a profile's robot, with another total mass [kg] if given.
 
-    name: str  # name of the robot
-    vehicle: Vehicle  # rolling radius and half distances of its wheels
-    mass: float  # total mass [kg]
-    # wheel radius with which the robot's driver turns speeds into wheel rates [m]
-    command_radius: float
-    speed_limit: float  # greatest speed of a rim that the driver allows [m/s]
-
-
-def chassis_of(profile: Profile, mass: float | None = None) -> Chassis:
-    """Return the nominal numbers of a profile's robot, with another total mass [kg] if given."""
-    body = profile.plants["mujoco"].parameters
-    robot = profile.robot
-    half = 0.5 * robot.wheelbase
-    vehicle = Vehicle(wheel_radius=body.wheel_radius, half_track=body.half_track, a=half, b=half)
-    return Chassis(
-        robot.name, vehicle, mass or body.mass, robot.drive.command_radius, robot.drive.v_max
+    Its vehicle has mass, rolling radius and half distances of the wheels, and its drive the radius
+    of commands and the greatest speed of a rim. Nothing of them is fitted.
+    """
+    plant = profile.plants["mujoco"]
+    body = plant.parameters
+    half = 0.5 * profile.robot.wheelbase
+    vehicle = Vehicle(
+        mass or body.mass,
+        wheel_radius=body.wheel_radius,
+        half_track=body.half_track,
+        a=half,
+        b=half,
     )
+    return replace(plant, vehicle=vehicle, drive=profile.robot.drive)
 
 
 def loss_of(plant: PlantProfile) -> float:

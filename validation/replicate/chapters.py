@@ -109,25 +109,21 @@ def read_template(name: str) -> str:
     return file.read_text(encoding="utf-8")
 
 
-class Chapter(NamedTuple):
-    """A section as the report shows it."""
+Chapter = tuple[str, Sequence[Table], str]
+"""A section as the report shows it: its heading with the numbers of its tables, the tables of the
+thesis beside ours and then others, and sentences as markdown."""
 
-    title: str
-    """Heading, with the numbers of its tables."""
-    tables: Sequence[Table]
-    """Tables of the thesis beside ours, then others."""
-    text: str
-    """Sentences, as markdown."""
 
-    def markdown(self) -> list[str]:
-        """Return the chapter as lines of markdown."""
-        lines = ["", f"## {self.title}", ""]
-        for table in self.tables:
-            lines += [f"**{markdown_text(table.title)}**", "", *markdown_table(table), ""]
-            lines += [f"- {markdown_text(line)}" for line in table.caption.splitlines()]
-            if table.caption:
-                lines.append("")
-        return [*lines, *self.text.splitlines()]
+def chapter_lines(chapter: Chapter) -> list[str]:
+    """Return a chapter as lines of markdown."""
+    title, tables, text = chapter
+    lines = ["", f"## {title}", ""]
+    for table in tables:
+        lines += [f"**{markdown_text(table.title)}**", "", *markdown_table(table), ""]
+        lines += [f"- {markdown_text(line)}" for line in table.caption.splitlines()]
+        if table.caption:
+            lines.append("")
+    return [*lines, *text.splitlines()]
 
 
 def chapter_of(section: Section, findings: Findings) -> Chapter:
@@ -150,7 +146,7 @@ def chapter_of(section: Section, findings: Findings) -> Chapter:
     where = ", ".join(map(_table_name, section.tables))
     if len(section.tables) > 2:
         where = f"{_table_name(section.tables[0])}–{section.tables[-1]}"
-    return Chapter(f"{title.removeprefix('# ')} ({where})", [*tables, *findings.more], text)
+    return f"{title.removeprefix('# ')} ({where})", [*tables, *findings.more], text
 
 
 def standard_deviation(values: Sequence[float] | FloatArray) -> float | None:

@@ -19,6 +19,7 @@ from validation.replicate.chapters import (
     Findings,
     Section,
     Task,
+    chapter_lines,
     chapter_of,
     chosen_sections,
     order_of,
@@ -113,13 +114,15 @@ class Replication(Report):
         by_evidence: list[Row] = [{"evidence": e, **n} for e, n in self.by_evidence.items()]
         by_evidence.append({"evidence": "all", **_by_status(_count_verdicts(self.rows))})
         by_section = list[Row]()
-        for chapter, each in zip(self.chapters, self.findings.values(), strict=True):
+        shown = list[Table]()
+        for (title, tables, _), each in zip(self.chapters, self.findings.values(), strict=True):
+            shown += tables
             if some := _count_verdicts(each.rows):
-                by_section.append({"section": chapter.title, **_by_status(some)})
+                by_section.append({"section": title, **_by_status(some)})
         return [
             Table("Rows that the thesis has, by what their agreement says", by_evidence),
             Table("The same by section", by_section),
-            *chain.from_iterable(chapter.tables for chapter in self.chapters),
+            *shown,
         ]
 
     def notes(self) -> list[str]:
@@ -149,7 +152,7 @@ class Replication(Report):
         lead = _leading_text(self.options, self.findings, self.unexplained, counts)
         lines = [lead, "", *markdown_table(self.tables()[0])]
         for chapter in self.chapters:
-            lines += chapter.markdown()
+            lines += chapter_lines(chapter)
         lines += ["", "![Verdicts by section, and tracked references](replicate.png)"]
         lines += ["", self.made_by, ""]
         return "\n".join(lines)

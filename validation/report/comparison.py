@@ -23,7 +23,6 @@ from validation.report.drawing import (
     KEY,
     QUIET,
     Curve,
-    HorizonMarks,
     Panel,
     PanelRow,
     draw_curves,
@@ -103,8 +102,8 @@ class Comparison(Motions):
         marks = []
         for name, scores in self.scores.items():
             if scores.overlapping:
-                marker = MARKERS.get(name, "o")
-                marks.append(HorizonMarks(name, ink_of(name), marker, scores.overlapping))
+                look = {"label": name, "color": ink_of(name), "marker": MARKERS.get(name, "o")}
+                marks.append((scores.overlapping, look))
         if marks:
             position = partial(draw_horizons, marks, "position")
             rows.append(PanelRow(2.3, [position, partial(draw_horizons, marks, "yaw")]))

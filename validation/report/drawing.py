@@ -169,16 +169,9 @@ def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
 # --- errors by horizon ---
 
 
-@dataclass(frozen=True, eq=False)
-class HorizonMarks:
-    """Somebody's errors by horizon, and how they look."""
-
-    name: str
-    ink: Ink
-    marker: str
-    errors: Mapping[float, OverlappingErrors]
-    """Medians over windows that begin every second, with their intervals, by horizon [s]; not
-    empty."""
+HorizonMarks = tuple[Mapping[float, OverlappingErrors], Mapping[str, Any]]
+"""Medians over windows that begin every second, with their intervals, by horizon [s], not empty;
+and how they look: `label`, `color` and `marker`."""
 
 
 def draw_horizons(
@@ -186,24 +179,24 @@ def draw_horizons(
 ) -> None:
     """Draw median errors by horizon, each in the band of its 90 % interval."""
     unit, ending = (METRES, "m") if what == "position" else (DEGREES, "rad")
-    horizons = sorted(set().union(*(each.errors for each in marks)))
-    for k, each in enumerate(marks):
+    horizons = sorted(set().union(*(errors for errors, _ in marks)))
+    for k, (errors, look) in enumerate(marks):
         aside = 0.8 * ((k + 0.5) / len(marks) - 0.5)
-        places = [horizons.index(h) + aside for h in each.errors]
+        places = [horizons.index(h) + aside for h in errors]
         median, low, high = (
-            [unit.scale * getattr(e, f"{what}_{part}_{ending}") for e in each.errors.values()]
+            [unit.scale * getattr(e, f"{what}_{part}_{ending}") for e in errors.values()]
             for part in ("median", "low", "high")
         )
-        ax.vlines(places, low, high, colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
+        ax.vlines(places, low, high, colors=[look["color"]], linewidth=9.0, alpha=0.3, zorder=2.2)
         ax.plot(
             places,
             median,
-            each.marker,
-            color=each.ink,
+            linestyle="none",
             markersize=8.0,
             markeredgecolor="white",
             zorder=3.0,
-            gid=each.name,
+            gid=look["label"],
+            **look,
         )
     if ax.dataLim.ymin > 0.0:
         ax.set_yscale("log")
@@ -216,7 +209,7 @@ def draw_horizons(
 
 
 def _horizon_label(horizon: float, marks: Sequence[HorizonMarks]) -> str:
-    counts = sorted({each.errors[horizon].n for each in marks if horizon in each.errors})
+    counts = sorted({errors[horizon].n for errors, _ in marks if horizon in errors})
     count = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     return f"{horizon:g} s\n{count} window{'s' * (count != '1')}"
 

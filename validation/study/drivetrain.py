@@ -29,13 +29,13 @@ from validation.identify.driver import (
 )
 from validation.identify.motor_logs import (
     FIT_SHARE,
-    Chassis,
     DriveLog,
     chassis_of,
     drive_log,
     require_currents,
 )
 from validation.output import Document, Progress
+from validation.plants.kind import PlantProfile
 from validation.plants.profile import choose_profile
 from validation.report import drawing
 from validation.report.report import FINISHED, INTERRUPTED
@@ -120,7 +120,7 @@ class DriveTrainStudy(StudyOptions):
 
 
 def _scaled_numbers(
-    found: dict[str, FloatArray], chassis: Chassis, constant: float | None
+    found: dict[str, FloatArray], chassis: PlantProfile, constant: float | None
 ) -> dict[str, Row]:
     """Return value, standard error, unit and meaning of every number that was found, by name.
 
@@ -134,7 +134,7 @@ def _scaled_numbers(
             elif torque in found:
                 found[current] = found[torque] / constant
     if "friction_torque" in found:
-        most = 0.5 * chassis.mass * GRAVITY * chassis.vehicle.wheel_radius
+        most = 0.5 * chassis.vehicle.mass * GRAVITY * chassis.vehicle.wheel_radius
         found["friction"] = found["friction_torque"] / most
     numbers = dict[str, Row]()
     for name, (unit, meaning) in _MEANINGS.items():
@@ -218,7 +218,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
     numbers = _scaled_numbers(found, chassis, o.torque_constant)
     evidence = [rate_evidence(log) for log in (*named, *held_out)]
     return Study(
-        title=f"Drive train of {chassis.name}: {', '.join(log.name for log in named)}",
+        title=f"Drive train of {chassis.robot.name}: {', '.join(log.name for log in named)}",
         about={
             "schema": "ssmr.study/1",
             "study": "drivetrain",
@@ -238,7 +238,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
         remarks=_write_sentences(o, chassis, kind),
         status=status,
         panels=_draw_panels(driver, currents),
-        options={"seed": o.seed, "robot": chassis.name, "mass": chassis.mass},
+        options={"seed": o.seed, "robot": chassis.robot.name, "mass": chassis.vehicle.mass},
     )
 
 
@@ -264,21 +264,27 @@ def _draw_panels(driver: DriverFit | None, currents: CurrentFit | None) -> list[
     return panels
 
 
-def _robot_document(chassis: Chassis) -> Document:
+def _robot_document(chassis: PlantProfile) -> Document:
     """Return the nominal numbers of the robot, as study.json has them."""
     sizes = chassis.vehicle
-    half_base = sizes.a
-    geometry = {"radius": sizes.wheel_radius, "half_track": sizes.half_track}
-    document = {**chassis._asdict(), "geometry": {**geometry, "half_base": half_base}}
-    del document["vehicle"]
-    return document
+    return {
+        "name": chassis.robot.name,
+        "mass": sizes.mass,
+        "command_radius": chassis.drive.command_radius,
+        "speed_limit": chassis.drive.v_max,
+        "geometry": {
+            "radius": sizes.wheel_radius,
+            "half_track": sizes.half_track,
+            "half_base": sizes.a,
+        },
+    }
 
 
-def _write_sentences(o: DriveTrainStudy, chassis: Chassis, kind: str | None) -> list[str]:
+def _write_sentences(o: DriveTrainStudy, chassis: PlantProfile, kind: str | None) -> list[str]:
     """Return what its user has to know; `kind` is whose currents the log has."""
     says = []
     if o.robot is None and o.profile is None:
-        says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")
+        says.append(f"No robot was named: the logs are taken for those of a {chassis.robot.name}.")
     if kind == "motor" and o.torque_constant is None:
         says.append(
             "Unknown without torque_constant: friction torque, friction coefficient and "
@@ -287,7 +293,7 @@ def _write_sentences(o: DriveTrainStudy, chassis: Chassis, kind: str | None) -> 
     if kind == "battery":
         says.append(
             "Power fixes the torques' scale; the friction coefficient is as good as the mass, "
-            f"{chassis.mass:g} kg."
+            f"{chassis.vehicle.mass:g} kg."
         )
     return says
 

@@ -13,7 +13,7 @@ import importlib
 import os
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -49,14 +49,14 @@ def _search_by_sysid(problem: FitProblem, start: FloatArray) -> tuple[int, float
         MissingError: it is not installed.
     """
     try:
-        sysid: Any = importlib.import_module("mujoco.sysid")
+        sysid = importlib.import_module("mujoco.sysid")
         parameters = sysid.ParameterDict()
         for name, value in zip(problem.space.names, start, strict=True):
             parameters.add(sysid.Parameter(name, value, 0.0, 1.0))
     # Without its extra the module imports as an empty one.
     except (ImportError, AttributeError) as error:
         raise MissingError("mujoco.sysid is not installed: pip install -e '.[bench]'") from error
-    costs = list[float]()
+    costs = []
 
     def find_residuals(x: FloatArray, _: object) -> tuple[list[FloatArray], None, None]:
         points = np.clip(np.reshape(x, (len(start), -1)).T, 0.0, 1.0)
@@ -116,7 +116,7 @@ def main(
         open_sources([_SOURCE], profile)[0],
         FitCost("sync", yaw_weight=_YAW_WEIGHT),
     )
-    rows = list[Row]()
+    rows = []
     for name in (*get_args(Method), "sysid"):
         for seed in range(1 if quick else starts):
             row = measure_if_installed(quick, partial(_measure_search, name, problem, seed))

@@ -67,7 +67,7 @@ def _running_processes(codes: Sequence[str]) -> Iterator[None]:
 
 def _round_trips(node: Node, count: int, busy: int) -> Row:
     """Send `count` messages while `busy` processes compute; count and time those that return."""
-    trips: list[float] = []
+    trips = []
     with _running_processes(["while True: pass"] * busy):
         start = time.monotonic()
         began = time.process_time()

@@ -83,7 +83,7 @@ def _start_program(words: Sequence[str], folder: str, fresh: bool) -> None:
 
 def _time_starts() -> list[Row]:
     """Return rows of programs, at their first start and later, beside their libraries' imports."""
-    rows = list[Row]()
+    rows = []
     with TemporaryDirectory() as folder:
         for fresh, programs in ((True, _FIRST_STARTS), (False, _STARTS)):
             starts = {}

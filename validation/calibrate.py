@@ -132,7 +132,7 @@ def _as_dict(f: Fitted) -> dict[str, Any]:
         p.name: {"value": p.value, "unit": p.unit, "standard_error": p.standard_error}
         for p in f.parameters
     }
-    document: dict[str, Any] = {"input": f.options["input"], "parameters": numbers}
+    document = {"input": f.options["input"], "parameters": numbers}
     for when, scored in f.judged.items():
         document[when] = {f"{h:g}": asdict(e) for h, e in scored.overlapping.items()}
     document["better"] = f.better
@@ -384,7 +384,7 @@ def calibrate(o: Calibrate) -> Calibrated:
 
 def _watch_tyres(logs: Sequence[Source], profile: Profile) -> list[dict[str, Any]]:
     """Return what each of several logs tells alone of the tyres, by the kinematic plant."""
-    rows: list[dict[str, Any]] = []
+    rows = []
     for log in logs if len(logs) > 1 else ():
         options = Fit(FIRST_FITTED, [log], profile, input="wheels", search="lsq")
         found = run_fit(options, lambda warning: None)

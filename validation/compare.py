@@ -35,7 +35,6 @@ from validation.experiment.scores import (
 from validation.experiment.sources import (
     RECORDING,
     AnySource,
-    Piece,
     Source,
     driver_warnings,
     open_source,
@@ -165,7 +164,7 @@ def compare(o: Compare) -> Comparison:
         late = [run.localiser.yaw_late]
         if name in adapted:
             pieces, motions, late, _ = adapted[name]
-        by_gyro = list[Piece]()
+        by_gyro = []
         if gyro is not None:
             judging = chain.from_iterable(gyro.judging(source, each) for each in late)
             pairs = zip(judging, pieces, strict=True)

@@ -272,7 +272,7 @@ class Fitted(SearchReport):
         parameters = self.parameters
         errors = {p.name: p.standard_error for p in parameters if p.standard_error is not None}
         earlier = self.base.provenance.get(self.model)
-        fits: Document = {}
+        fits = {}
         if isinstance(earlier, Mapping):
             fits = {kind: earlier[kind] for kind in get_args(Occasion) if kind in earlier}
         occasion = _occasion_of(self.asked)

@@ -467,7 +467,7 @@ def _draw_parts(
     if not parts:
         raise ValueError("the log has no parts that signals could be compared in")
     t = [part["from_s"] for part in parts] + [parts[-1]["to_s"]]
-    panels: dict[str, Mapping[str, Sequence[float | None]]] = {
+    panels = {
         "wheel radius [m]": {
             side: [part[f"wheel_radius_{side}"] for part in parts] for side in ("left", "right")
         },
@@ -553,7 +553,7 @@ def _make_command(program: cli.Program[Any, Any]) -> Callable[[Any], None]:
             cli.require_writable(target.parent)
         if isinstance(o, Info) and o.out is not None:
             make_folder(Path(o.out))
-        report: LogReport = program.run(o)
+        report = program.run(o)
         for target in named if not o.overwrite else ():
             _require_free(target, report)
         default = [Path("runs", "recordings", f"{file_name(Path(source).stem)}.csv")]

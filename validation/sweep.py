@@ -55,7 +55,7 @@ def sweep(
         KeyboardInterrupt: it was pressed before the first variant was finished.
     """
     failures: dict[str, Exception] = {}
-    rows: dict[str, Document] = {}
+    rows = {}
     status = FINISHED
     calls = [(name, variant, measures) for name, variant in variants.items()]
     try:

@@ -133,7 +133,7 @@ def table(o: Side) -> SideBySide:
     if len({path.parent for path in whole}) == len(whole):
         whole = [path.parent for path in whole]
     common = os.path.commonpath([path.parent for path in whole])
-    rows = list[Document]()
+    rows = []
     for path, place in zip(o.files, whole, strict=True):
         run = place.relative_to(common).as_posix()
         rows += [

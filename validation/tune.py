@@ -63,7 +63,7 @@ from validation.plants.profile import Profile, choose_profile, odometry_of
 from validation.plants.table import SIMULATED
 from validation.report import drawing
 from validation.report.report import Writers
-from validation.report.table import Row, Table
+from validation.report.table import Table
 from validation.simulator.description import with_robot
 from validation.workers import threads_of
 
@@ -277,7 +277,7 @@ class Tuned(SearchReport):
         """Return the parameters, and the runs along all references."""
         base = one_line(self.problem.base.name)
         held = " · ".join(f"{name} {self.gains[name]:.4g}" for name in self._held)
-        rows = list[Row]()
+        rows = []
         drives = (("", self.train), ("held out: ", self.held_out), ("", self.judged))
         for lead, cases in drives:
             for label, runs in cases.items():

@@ -64,14 +64,14 @@ def complete_calls(
         ValueError: no scheduler answers at the address.
         SsmrError: the scheduler or its last worker went away.
     """
-    client: Any = _connect_client(workers) if isinstance(workers, str) else None
+    client = _connect_client(workers) if isinstance(workers, str) else None
     pool: Executor
     if client is None:
         pool = ThreadPoolExecutor(threads_of(workers))
     else:
         pool = client.get_executor(pure=False)
     futures: dict[Future[Any], int] = {}
-    own: Exception | None = None
+    own = None
     try:
         if client is not None:
             _warn_of_others(client)

@@ -222,7 +222,7 @@ class WindowErrors:
         block = math.ceil(max(self.horizon, SHORTEST_BLOCK_S) / EVERY_S)
         blocks = n / block
         tail = 0.5 * (1.0 + SHARE)
-        numbers: list[float] = []
+        numbers = []
         for values in (self.position, self.yaw):
             median = float(np.median(values))
             spread = values

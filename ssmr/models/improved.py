@@ -86,7 +86,7 @@ def slide_step(
         dynamic: friction in motion, FDJ.
     """
     friction = improved_friction(start, static, dynamic, v)
-    slid: float = multiply_add(0.5 * gain, end, v + gain * (0.5 * start + friction))
+    slid = multiply_add(0.5 * gain, end, v + gain * (0.5 * start + friction))
     holds = abs(start) <= static
     if slid < 0.0 < v or v < 0.0 < slid:  # not slid * v < 0: a product of tiny numbers is 0
         at_rest = improved_friction(start, static, dynamic, 0.0)

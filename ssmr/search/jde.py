@@ -248,8 +248,8 @@ class Jde:
         Points that were asked for, but whose costs are not told, are included. Settings have names
         such as `settings.<name>`.
         """
-        generator: Any = self._rng.bit_generator.state
-        halves: list[int] = []
+        generator = self._rng.bit_generator.state
+        halves = []
         for key in ("state", "inc"):
             word = generator["state"][key]
             halves += [word >> 64, word & _LOWER_64]
@@ -276,7 +276,7 @@ class Jde:
         if str(state.get("version")) != _VERSION:
             raise ValueError(f"this is no state of a search of version '{_VERSION}'")
         names = [f.name for f in fields(JdeSettings)]
-        settings: dict[str, Any] = {name: state[f"settings.{name}"].tolist() for name in names}
+        settings = {name: state[f"settings.{name}"].tolist() for name in names}
         search = cls(state["population"].shape[-1], JdeSettings(**settings), 0)
         for name in _ARRAYS:
             shape = np.shape(state[name])

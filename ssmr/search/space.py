@@ -142,7 +142,7 @@ class ParameterSpace:
             bounds = f"{p.lower:g} to {p.upper:g}"
             raise ValueError(f"{p.name} = {value} lies outside its bounds, {bounds}")
         shares = (self._scaled(array) - self._low) / (self._high - self._low)
-        points: FloatArray = np.clip(shares, 0.0, 1.0)
+        points = np.clip(shares, 0.0, 1.0)
         return points
 
     def slopes(self, points: ArrayLike) -> FloatArray:

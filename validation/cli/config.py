@@ -96,7 +96,7 @@ def options_from(path: str | Path, program: str, options: Any) -> Options:
         if is_needed and option.name not in kept:
             raise FileError(path, f"the options have no {option.name}, which {program} needs")
     try:
-        made: Options = options(**kept)
+        made = options(**kept)
     except ValueError as error:
         raise FileError(path, str(error)) from error
     return made

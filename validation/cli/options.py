@@ -62,9 +62,9 @@ class Options:
             ValueError: an option is of another type than its annotation says, or not finite; the
                 message names it.
         """
-        kinds: Mapping[str, Any] = kinds_of(type(self))  # type: ignore[arg-type]
+        kinds = kinds_of(type(self))  # type: ignore[arg-type]
         # a frame may not pass for a scenario
-        frames: dict[str, Any] = dict.fromkeys(TRAJECTORIES)
+        frames = dict.fromkeys(TRAJECTORIES)
         for name, kind in kinds.items():
             value = _admit_value(with_frames_apart(getattr(self, name), frames), kind)
             _require_kind(name, value, kind)
@@ -160,7 +160,7 @@ def _pairs_reader(read: Callable[[str], T]) -> Callable[[str], dict[str, T]]:
     """Return a function that reads NAME=SOMETHING,... as a dictionary, each name once."""
 
     def parse(text: str) -> dict[str, T]:
-        values: dict[str, T] = {}
+        values = {}
         for part in _split_names(text):
             name, equals, value = (piece.strip() for piece in part.partition("="))
             if not equals or not name or name in values:
@@ -241,7 +241,7 @@ REGISTRY = ConstructorRegistry()
 @REGISTRY.primitive_rule
 def _text_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     """Read a type of `_TEXTS`; an object that Python may give has its name on the command line."""
-    kind: Any = info.type
+    kind = info.type
     members = _union_members(kind)
     form = _form_of(kind)
     metavar = "NAME|PATH" if Path in members else "NAME"

@@ -121,9 +121,7 @@ def parse_command(
     given = sys.argv[1:] if arguments is None else arguments
     given = _place_controller(given, isinstance(command, Mapping))
     wanted = read_as(command, given)
-    call: Callable[[], Any] = tyro.cli(
-        wanted, prog=program, args=given, config=_STYLE, registry=REGISTRY
-    )
+    call = tyro.cli(wanted, prog=program, args=given, config=_STYLE, registry=REGISTRY)
     return call
 
 

@@ -269,7 +269,7 @@ def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
 
 def _ours_among(there: Sequence[Path]) -> set[str]:
     """Return the names of files of our programs, and of the files that these name."""
-    ours = set[str]()
+    ours = set()
     for path in there:
         # a file that cannot be read so is not ours
         with contextlib.suppress(ValueError, TypeError):
@@ -295,7 +295,6 @@ def _progress_bar(title: str) -> Iterator[output.Progressing]:
     from rich.progress import (
         BarColumn,
         Progress,
-        ProgressColumn,
         Task,
         TextColumn,
         TimeRemainingColumn,
@@ -307,7 +306,7 @@ def _progress_bar(title: str) -> Iterator[output.Progressing]:
         def render(self, task: Task) -> Text:
             return super().render(task) if task.percentage >= _TELLS_TIME else Text()
 
-    columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(), Remaining()]
+    columns = [TextColumn("{task.description}"), BarColumn(), Remaining()]
     console = Console(stderr=True)
     last = time.monotonic()
     with Progress(

@@ -221,7 +221,7 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Document) -> Met
         return float(np.sqrt(np.mean(np.square(run.column(name)))))
 
     def number(name: str, default: float) -> float:
-        value: float = limits.get(name, default)
+        value = limits.get(name, default)
         return value if math.isfinite(value) else default
 
     along = np.cumulative_sum(waypoints.lengths, include_initial=True)

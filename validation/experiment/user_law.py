@@ -218,7 +218,7 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     """
     if given is None:
         return []
-    law: Any = given
+    law = given
     if isinstance(given, PlanarLaw):
         path = Path(given.name)
     else:

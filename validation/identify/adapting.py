@@ -70,7 +70,7 @@ def adapted_along(
     changes = np.arange(first + seconds, float(truths[-1].t[-1]), seconds)
     driven = Remembered()
     point = problem.begun
-    pieces = list[Piece]()
+    pieces = []
     every = list[Trajectory]()
     late = []
     sets = []

@@ -62,7 +62,7 @@ def fit_in_blocks(
     slopes = np.where(end.active_mask == 0, end.jac * start, 0.0)
     pulls = end.fun * (1.0 + (end.fun / size) ** 2) ** 0.25
     curvature = slopes.T @ slopes
-    steps = list[FloatArray]()
+    steps = []
     for block in np.unique(blocks):
         own = slopes[blocks == block]
         without = np.linalg.pinv(curvature - own.T @ own, hermitian=True)

@@ -96,7 +96,7 @@ def held_commands(log: DriveLog) -> list[slice]:
     if log.commands is None:
         return []
     new = np.any(np.diff(log.commands, axis=1) != 0.0, axis=0)
-    held = list[slice]()
+    held = []
     for first, stop in pairwise([0, *(np.flatnonzero(new) + 1).tolist(), len(log.t)]):
         t = log.t[first:stop] - log.t[first]
         if not log.commands[:, first].any() or t[-1] < _HELD or np.diff(t).max() > _RESPONSE_S:

@@ -14,7 +14,7 @@ from ssmr.metrics.bands import QUARTERS, Band
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation.experiment.runs import drive_source
 from validation.experiment.scores import Driven, Scores, band_of
-from validation.experiment.sources import Piece, Source
+from validation.experiment.sources import Source
 from validation.identify.problem import FitProblem
 from validation.identify.targets import score_pieces
 from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty, usual_spread
@@ -129,7 +129,7 @@ def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> B
     by_log = len(problem.days) >= FEWEST_DAYS
     parts = []
     for k, point in enumerate(sure.without):
-        driven = list[tuple[Piece, Trajectory]]()
+        driven = []
         for source in problem.sources:
             if by_log and source.tags != problem.days[k].tags:
                 continue
@@ -146,7 +146,7 @@ def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> B
 
 def band_of_one_day(judges: Judges) -> Band | None:
     """Return the band of predictions of other days, from parts that fits to a day have not seen."""
-    parts = list[Driven]()
+    parts = []
     for problem, point, sources in judges:
         for plant, source in product(filter(None, _draw_days(problem, point)), sources):
             with contextlib.suppress(SsmrError):

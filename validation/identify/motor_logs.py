@@ -195,7 +195,7 @@ class MotorSamples(NamedTuple):
 def _steady_windows(log: DriveLog) -> list[slice]:
     """Return the windows of a log in which the wheels turn steadily, each without its beginning."""
     t = log.t
-    windows = list[slice]()
+    windows = []
     first = 0
     while first < len(t) - 1:
         stop = int(np.searchsorted(t, t[first] + _MOST, side="right"))
@@ -242,7 +242,7 @@ def steady_samples(log: DriveLog) -> tuple[MotorSamples, MotorSamples]:
     if log.voltages is not None and (on := log.voltages > _BATTERY_ON).any():
         voltages = np.where(on, log.voltages, np.median(log.voltages[on]))
     known = np.full_like(currents, np.nan)
-    rows = list[FloatArray]()
+    rows = []
     for sides, span, read in (
         windows if sensor_of(log).kind == "windows" else _sensor_refreshes(log)
     ):

@@ -279,7 +279,7 @@ def descend_from(
     """
     n = len(start)
     robust = problem.robust
-    known: _Slopes | None = None
+    known = None
 
     def errors_at(points: FloatArray) -> FloatArray:
         before = len(driven)

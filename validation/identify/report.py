@@ -297,7 +297,7 @@ def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)
     for row, p in enumerate(report.parameters):
-        colour: Ink = ALARM if p.at_bound else ink
+        colour = ALARM if p.at_bound else ink
         shares = map(p.share, (*(p.interval_95 or (p.value, p.value)), p.before, p.value))
         low, high, was, x = (min(max(share, 0.0), 1.0) for share in shares)
         ax.plot(

@@ -77,7 +77,7 @@ def tags_of(names: Sequence[str], held_out: Sequence[str]) -> dict[str, tuple[st
 
     A log that is only judged has the tag of its ground alone.
     """
-    tags: dict[str, tuple[str, ...]] = {}
+    tags = {}
     own: dict[str, str] = {}
     for name in (*names, *held_out):
         log, ground = split_ground(name)
@@ -179,7 +179,7 @@ def source_outside(
     A ValueError says that there are none.
     """
     start, stop = span
-    ends: list[Span] = [(None, start)] * (start is not None) + [(stop, None)] * (stop is not None)
+    ends = [(None, start)] * (start is not None) + [(stop, None)] * (stop is not None)
     parts = [source_of(inspected, name, kind, each, rates) for each in ends]
     if not parts:
         raise ValueError(

@@ -260,7 +260,7 @@ class TuneProblem:
     @cached_property
     def _worst(self) -> list[float]:
         """Greatest path error that is not refused, by case [m]."""
-        worst: list[float] = []
+        worst = []
         if not math.isfinite(self.cost.worse_path):
             return [math.inf] * len(self.cases)
         law = make_controller(self.profile, self.base)

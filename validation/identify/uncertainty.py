@@ -438,7 +438,7 @@ def uncertainty_sentences(
     names = problem.space.names
     sums = ", ".join(_known_sums(problem.space, uncertainty, point))
     share = uncertainty.share
-    touched = set[str]()
+    touched = set()
     advice = "it is little more than a guess" if problem.robust else "use --fix"
     known = _prior_deviations(problem) * problem.space.slopes(point)
     for k in np.flatnonzero(uncertainty.untold).tolist():

@@ -68,7 +68,7 @@ def divide_logs(
     if held:
         judges = [source_of(each, name, kind) for name, each in held.items()]
         return [(whole, tuple(map(_as_judge, judges)))]
-    folds: list[Fold] = []
+    folds = []
     if len(whole) > 1:
         for source in whole:
             rest = [other for other in whole if other is not source]
@@ -242,7 +242,7 @@ def tyre_tables(rows: Sequence[Mapping[str, Any]]) -> list[Table]:
     """Return a table of what logs tell of the tyres, if there are any."""
     shown = []
     for row in rows:
-        cells: dict[str, Any] = {"log": row["log"]}
+        cells = {"log": row["log"]}
         for key, error in row["standard_errors"].items():
             cells[key] = (row[key], row[key] - 2.0 * error, row[key] + 2.0 * error)
         shown.append(cells)

@@ -105,7 +105,7 @@ def _kinematic_defaults(robot: Robot) -> KinematicParameters:
     closed form: the sides' rims move at -1 and 1 m/s, the middle at (forward, across), and
     v - omega y is a side's rim speed at its centre of rotation.
     """
-    numbers: KinematicParameters = _default_parameters(KinematicParameters, robot)
+    numbers = _default_parameters(KinematicParameters, robot)
     turn = spot_turn(robot)
     is_given = "vehicle.effective_half_track" in robot.given
     if is_given or turn is None or turn.yaw_rate <= 0.0:

@@ -190,9 +190,9 @@ class Profile:
 
         `load_profile` reads it back. The file's folder is made if it is not there.
         """
-        plants: Document = {}
+        plants = {}
         for name, plant in self.plants.items():
-            section: Document = {}
+            section = {}
             bare = _default_plant(name, plant.robot).numbers()
             for part, numbers in plant.numbers().items():
                 section[part] = {k: v for k, v in numbers.items() if v != bare[part][k]}
@@ -325,7 +325,7 @@ def _parse_profile(document: Document) -> Profile:
 def _parse_plant(common: PlantProfile, section: Document, where: str) -> PlantProfile:
     """Return a plant's numbers: those of its section, and the common ones that it does not have."""
     reading.require_known(section, {*PARTS, "bands", "spread"}, where)
-    parts: Document = {}
+    parts = {}
     for part in PARTS:
         parts[part] = _fill_fields(getattr(common, part), section.get(part, {}), f"{where}.{part}")
     entries = section.get("bands", {})
@@ -345,7 +345,7 @@ def _parse_plant(common: PlantProfile, section: Document, where: str) -> PlantPr
 
 def _fill_fields(default: T, values: Document, where: str) -> T:
     """Return a copy of `default` with `values` in place, each of the type its field has."""
-    kinds: Document = {}
+    kinds = {}
     for f in fields(default):  # type: ignore[arg-type]
         if f.name != "robot":
             is_text = isinstance(getattr(default, f.name), str)

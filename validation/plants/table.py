@@ -84,5 +84,5 @@ def plant_kind(name: str) -> PlantKind:
     module = modules.get(name, "validation.plants.planar")
     if is_foreign(name):
         module = "validation.plants.foreign"
-    kind: PlantKind = import_module(module).declare(name)
+    kind = import_module(module).declare(name)
     return kind

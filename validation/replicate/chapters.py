@@ -211,7 +211,7 @@ def _side_by_side(title: str, rows: Sequence[JudgedRow]) -> Table:
             units.setdefault(metric, set()).add(pair.unit)
     wide = max(len(row.pairs) for row in rows) > 1 and all(len(u) == 1 for u in units.values())
     several = len({row.table for row in rows}) > 1
-    lines = list[Row]()
+    lines = []
     names_by_reason = dict[str, list[str]]()
     for row in rows:
         head = {"Tab.": row.table} if several else {}

@@ -120,7 +120,7 @@ def _tune_gains(controller: str, task: Task) -> Findings:
 
 def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping[str, Any]) -> Rows:
     """The thesis' gains beside those of the best search, as tune.json has them, and its cost."""
-    rows: dict[str, dict[str, Pair]] = {}
+    rows = {}
     for row, printed in published.printed_table(number)["rows"].items():
         name = printed["ours"]
         spread = standard_deviation([search["gains"][name] for search in searches])

@@ -91,7 +91,7 @@ def _parameter_rows(
 ) -> dict[str, dict[str, Pair]]:
     """Return the thesis' parameters beside those of fit.json."""
     limit = load_profile(_PROFILE).plants[model].drive.torque_limit
-    rows: dict[str, dict[str, Pair]] = {}
+    rows = {}
     for row, printed in published.printed_table(number)["rows"].items():
         value = float(printed["value"])
         unit = printed["unit"]

@@ -24,7 +24,7 @@ def published_tables() -> Mapping[str, Any]:
 
 def printed_table(number: str) -> Mapping[str, Any]:
     """Return a table such as "3.9": its `caption`, `rows` (numbers by row) and remarks."""
-    content: Mapping[str, Any] = published_tables()[number]
+    content = published_tables()[number]
     return content
 
 

@@ -47,7 +47,7 @@ from validation.replicate.verdicts import (
 from validation.report.drawing import PanelRow, draw_page
 from validation.report.palette import VERDICT_INKS
 from validation.report.report import FINISHED, INTERRUPTED, Report
-from validation.report.table import Row, Table, markdown_table
+from validation.report.table import Table, markdown_table
 
 ALL_SECTIONS: tuple[Section, ...] = (
     NOISE_SECTION,
@@ -111,9 +111,9 @@ class Replication(Report):
 
     def tables(self) -> list[Table]:
         """Return the verdicts by evidence and by section, and the tables of all chapters."""
-        by_evidence: list[Row] = [{"evidence": e, **n} for e, n in self.by_evidence.items()]
+        by_evidence = [{"evidence": e, **n} for e, n in self.by_evidence.items()]
         by_evidence.append({"evidence": "all", **_by_status(_count_verdicts(self.rows))})
-        by_section = list[Row]()
+        by_section = []
         shown = list[Table]()
         for (title, tables, _), each in zip(self.chapters, self.findings.values(), strict=True):
             shown += tables
@@ -253,7 +253,7 @@ def _leading_text(
     if unexplained:
         explained = f"Unexplained: {', '.join(unexplained)}."
     haste = " It was made with `--quick`: fewer generations and seeds, so less can be concluded."
-    words: Document = {
+    words = {
         "quick": haste if options["quick"] else "",
         "seed": options["seed"],
         "unexplained": explained,

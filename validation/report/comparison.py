@@ -64,7 +64,7 @@ class Comparison(Motions):
         time), speed and yaw rate, and wheel loads. Panels for which there are no data are left out.
         Lines carry the name of their motion, or `command`, as gid.
         """
-        rows = list[PanelRow]()
+        rows = []
         start, stop = self.span
         if stop - start > _LONGEST_PATH or len(self.truth) > 1:
             words, windows = self._windows()
@@ -98,7 +98,7 @@ class Comparison(Motions):
     def _panels(self) -> list[PanelRow]:
         """Panels below the paths, row by row; those without data are left out."""
         tracks = self.drawn
-        rows = list[PanelRow]()
+        rows = []
         marks = []
         for name, scores in self.scores.items():
             if scores.overlapping:
@@ -129,7 +129,7 @@ class Comparison(Motions):
         Each is seen from its own pose at the window's start.
         """
         a, b = window
-        curves = list[Curve]()
+        curves = []
         ends = {}
         for track in self.drawn:
             path = relative_pose(track.pose[a], track.pose[a : b + 1])
@@ -214,7 +214,7 @@ class Comparison(Motions):
 
     def _draw_loads(self, track: Track, ax: Axes) -> None:
         """Draw the loads of the four wheels, averaged over 0.25 s, and the verdict on them."""
-        curves = list[Curve]()
+        curves = []
         for k, wheel in enumerate(WHEELS):
             curves += self.curves_of(
                 track,

@@ -292,7 +292,7 @@ def draw_page(
         if notes:
             tail.text(edge, 1.0, "Notes", va="top", gid=WORDS, **_HEADING)
             top = 1.0 - 1.3 * _LINE_IN / heights[-1]
-            look: dict[str, Any] = {"fontsize": 9.0, "linespacing": 1.35, "color": "0.2"}
+            look = {"fontsize": 9.0, "linespacing": 1.35, "color": "0.2"}
             tail.text(edge, top, text, va="top", gid=WORDS, **look)
         y = 0.06 / heights[-1]
         tail.text(edge, y, foot, fontsize=8.5, color=QUIET, va="bottom", gid=WORDS)

@@ -218,7 +218,7 @@ class DrivenRobots(Report, ABC):
         return panels
 
     def _draw_velocity(self, title: str, column: int, command: int, ax: Axes) -> None:
-        curves = list[Curve]()
+        curves = []
         for track in self.drawn:
             curves += self.curves_of(track, lambda piece: piece.twist[:, column])
         for t, values in self.commanded():

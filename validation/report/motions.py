@@ -28,7 +28,7 @@ from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare,
 from validation.report.driven import DrivenRobots
 from validation.report.palette import Rgb
 from validation.report.scene_robots import Series, Track, shades_of
-from validation.report.table import Row, Table
+from validation.report.table import Table
 from validation.simulator.description import WHEELS
 from validation.simulator.health import health_verdict
 from validation.simulator.terrain import FLAT
@@ -357,10 +357,10 @@ def interval_table(
 
 def _band_table(scores: ScoresByPlant) -> Table:
     """Shares of windows at whose end the robot was inside the plants' bands, and their scores."""
-    rows: list[Row] = []
+    rows = []
     for h in sorted(set().union(*(r.held for r in scores.values()))):
         for name, r in scores.items():
-            row: Document = {"horizon_s": h, "plant": name}
+            row = {"horizon_s": h, "plant": name}
             for part, (share, score) in r.held.get(h, {}).items():
                 row[f"{part}_inside_share"] = share
                 row[f"{part}_score_m" if part == "position" else f"{part}_score_rad"] = score

@@ -377,7 +377,7 @@ def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
     # one entry of the legend
     pale = ["quasi-static"] * len(WHEELS), [mix_colours(ink, WHITE, 0.5) for ink in inks]
     sides = [f"{name} left", f"{name} right"], shades_of(ink)
-    lines: list[tuple[str, str, FloatArray | None, Any]] = [
+    lines = [
         (f"speed/{name}", "m/s", twist[:, 0], alone),
         (f"side_speed/{name}", "m/s", body_twist[:, 1], alone),
         (f"rotation_centre/{name}", "m", rotation_centre(track)[:, 0], alone),

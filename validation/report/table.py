@@ -103,7 +103,7 @@ class Table:
         """Rows with the best of two or more values of their group; equal texts are all best."""
         best = set[int]()
         for group in self.groups:
-            badness = dict[int, float]()
+            badness = {}
             for i in group:
                 row = self.rows[i]
                 value = row.get(metric.name)

@@ -31,7 +31,6 @@ from validation.report.columns import DEGREES, REAL_TIME, Unit, declare, length_
 from validation.report.drawing import (
     ALARM,
     REFERENCE_LOOK,
-    Curve,
     Dashes,
     PanelRow,
     draw_curves,
@@ -41,7 +40,7 @@ from validation.report.drawing import (
 from validation.report.driven import DrivenRobots
 from validation.report.palette import BLACK, GREY, WHITE, mix_colours
 from validation.report.scene_robots import Series, Track, bright_colour
-from validation.report.table import Row, Table
+from validation.report.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -149,8 +148,8 @@ class Tracked(DrivenRobots):
         # a law without a predictor learns no dead time
         known = {name for r in self.robots for name, x in r.metrics.items() if math.isfinite(x)}
         measured = [name for name in OF_THE_LOOP if name in known]
-        path = list[Row]()
-        loop = list[Row]()
+        path = []
+        loop = []
         for r in self.robots:
             label = f"{r.plant} (lost)" if r.run.lost else r.plant
             undeclared = [name for name in r.metrics if name not in TRACK_METRICS]
@@ -275,7 +274,7 @@ class Tracked(DrivenRobots):
         """Draw an error of the robots themselves, not of what they see, and what it should be."""
         goal = float(self.options.get("lookahead_m", 0.0)) if name == "e_rho" else 0.0
         begin = np.array(self.time_axis["xlim"])
-        curves: list[Curve] = [(begin, np.full(2, goal * unit.scale), REFERENCE_LOOK)]
+        curves = [(begin, np.full(2, goal * unit.scale), REFERENCE_LOOK)]
         for track, r in zip(self.drawn[1:], self.robots, strict=True):
             aim = r.run.columns("target_x", "target_y", "target_yaw")
             x, y, yaw = relative_pose(r.run.columns("x", "y", "yaw"), aim).T
@@ -302,7 +301,7 @@ class Tracked(DrivenRobots):
 
     def _time_plots(self, target: Trajectory) -> dict[str, Series]:
         """Return velocities, wanted and commanded, and errors over time, by entity."""
-        plots = dict[str, Series]()
+        plots = {}
         for quantity, (unit, column, *columns) in _SIGNALS.items():
             aim = Series(["reference"], unit, [GREY], target.t, target.twist[:, column])
             plots[f"{quantity}/reference"] = aim

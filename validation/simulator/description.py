@@ -198,7 +198,7 @@ class Robot:
     def as_document(self) -> Document:
         """Return the content of the robot's file, as `parse_robot` reads it."""
         texts = {key: getattr(self, key) for key in _TEXTS if getattr(self, key)}
-        document: Document = {"schema": SCHEMA, **texts}
+        document = {"schema": SCHEMA, **texts}
         for key in self.given:
             section, _, name = key.partition(".")
             value = self.number(key)
@@ -532,7 +532,7 @@ def _value_kind(f: Field[Any]) -> Any:
     if isinstance(f.default, tuple):
         # NaN stands for a number to estimate, where the default is NaN
         kinds = tuple(float if math.isnan(d) else reading.TomlNumber for d in f.default)
-        numbers: Any = tuple.__class_getitem__(kinds)
+        numbers = tuple.__class_getitem__(kinds)
         return Annotated[numbers, Meta(description=f"{len(kinds)} numbers")]
     declared = declaration_of(f)
     if declared is None:
@@ -544,7 +544,7 @@ def _read_section(section: Mapping[str, Any], name: str) -> Document:
     """Return the numbers of one section by field, each of the type that its field has."""
     kinds = {key: _value_kind(f) for key, f in SECTIONS[name].items()}
     values = reading.typed(section, kinds, name)
-    given: Document = {}
+    given = {}
     for key, f in SECTIONS[name].items():
         declared = declaration_of(f)
         if key in values:

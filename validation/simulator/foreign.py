@@ -72,7 +72,7 @@ def xml_tags(text: str) -> list[Tag]:
     builder = ElementTree.TreeBuilder()
     parser = expat.ParserCreate("utf-8")
     tags = list[Tag]()
-    open_tags = list[int]()
+    open_tags = []
 
     def begin(name: str, attributes: dict[str, str]) -> None:
         start = parser.CurrentByteIndex
@@ -268,7 +268,7 @@ def _compile_foreign(text: str, folder: str | None, tolerant: bool) -> guarded.A
     warnings = list[str]()
     mujoco.set_mju_user_warning(warnings.append)
     spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
-    lost = complete_spec(spec, files) if tolerant else set[str]()
+    lost = complete_spec(spec, files) if tolerant else set()
     try:
         spec.compile()
     except ValueError as error:

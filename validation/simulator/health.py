@@ -58,7 +58,7 @@ What the loads alone do not give is not in it where only they are judged.
 
 def loads_tremble(health: Health) -> bool:
     """Return whether the loads' sum deviates from the weight by more than a share of it."""
-    limit: float = _TREMBLE_SHARE * health.get("weight_N", 0.0)
+    limit = _TREMBLE_SHARE * health.get("weight_N", 0.0)
     return bool(health.get("load_sum_rms_N", 0.0) > limit)
 
 
@@ -162,7 +162,7 @@ def run_health(
         late = t >= min(START_TIME, 0.5 * float(t[-1]))
         sums.append(m.channels["wheel_load_N"].sum(axis=1)[late])
     excess = np.concatenate(sums) - weight
-    health: Health = {
+    health = {
         "lowest_load_share": min(v["lowest_load_share"] for v in verdicts),
         "load_deviation": max(v["load_deviation"] for v in verdicts),
         "apparent_mass_kg": apparent_mass(model),

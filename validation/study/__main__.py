@@ -22,7 +22,7 @@ STUDIES = ("contact", "transfer", "drivetrain")
 def study_named(name: str) -> cli.Program[..., Any]:
     """Return the program of a study; its module is imported then."""
     module = import_module(f"validation.study.{name}")
-    program: cli.Program[..., Any] = getattr(module, f"study_{name}")
+    program = getattr(module, f"study_{name}")
     return program
 
 

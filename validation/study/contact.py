@@ -339,7 +339,7 @@ class Trial:
     def spot(self) -> Row:
         """Measures of whole turns on the spot."""
         measured = measure_spin(spin_on_spot(self.plant()), self.uncorrected.calibration)
-        row: Document = {
+        row = {
             "ripple_share": measured.get("ripple"),
             "glide_share": measured["glide"],
         }

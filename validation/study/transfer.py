@@ -118,7 +118,7 @@ def _contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
         ValueError: an unknown controller, gains or file, one name for two, or fewer than two
             contenders.
     """
-    contenders: dict[str, tuple[AnyController, GainSet]] = {}
+    contenders = {}
     for named in o.controllers:
         controller, colon, kind_named = named.partition(":")
         kinds = [kind_named]
@@ -172,7 +172,7 @@ def _score_controllers(
     Compiled laws are driven as one population and Python objects, such as mpc, as another.
     """
     target = waypoints.trajectory(LoopSettings().position_period)
-    scores: dict[int, _CostsByGains] = {}
+    scores = {}
     for compiled in (True, False):
         ranks = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
         if not ranks:
@@ -366,7 +366,7 @@ def _make_tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     costs = []
     for name in _ranked_names(result):
         by_plant = {plant: found["contenders"][name] for plant, found in plants.items()}
-        row: Document = {"controller": name}
+        row = {"controller": name}
         row |= {f"{plant}_m": each["metres"] for plant, each in by_plant.items()}
         judged = by_plant[JUDGE]
         row |= {f"{JUDGE}_low_m": judged["metres_low"], f"{JUDGE}_high_m": judged["metres_high"]}

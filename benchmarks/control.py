@@ -33,7 +33,7 @@ def _pair_loops(robots: int) -> dict[str, Pair]:
     plant = simulated.body
     assert isinstance(plant, MujocoPlant)
     run = close()[0]
-    ticks = round(float(run.t[-1]) / plant.dt) // (len(run.t) - 1)
+    ticks = round(run.t[-1] / plant.dt) // (len(run.t) - 1)
     set_points = np.repeat(run.table[:-1, 6:8], ticks, axis=0)
     control = np.repeat(actuator_inputs(plant.model, set_points)[None], robots, axis=0)
     start = np.repeat(plant.placed(short.start)[None], robots, axis=0)

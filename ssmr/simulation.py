@@ -246,7 +246,7 @@ class PlanarBodies:
     @property
     def gave_up(self) -> NDArray[np.bool_]:
         """(S,) robots whose numbers were no longer finite when they last advanced."""
-        return np.asarray(self._failed >= 0)
+        return self._failed >= 0
 
     def states(self) -> FloatArray:
         """Return (S, 10) the fields of `ssmr.types.Motion`."""

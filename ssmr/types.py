@@ -83,7 +83,7 @@ def increasing_times(values: ArrayLike) -> FloatArray:
     t = frozen_array(values, "t", (None,))
     stalled = np.diff(t) <= 0.0
     if np.any(stalled):
-        raise ValueError(f"t must increase; it does not after sample {int(np.argmax(stalled))}")
+        raise ValueError(f"t must increase; it does not after sample {np.argmax(stalled)}")
     return t
 
 

@@ -262,8 +262,8 @@ def _log_document(found: Inspected) -> dict[str, Any]:
             "source": group.source,
             "samples": len(group.t),
             "rate_hz": 1.0 / group.period,
-            "from_s": float(group.t[0]),
-            "to_s": float(group.t[-1]),
+            "from_s": group.t[0],
+            "to_s": group.t[-1],
             "columns": list(group.columns),
             "gaps_s": [list(gap) for gap in group.gaps()],
         }
@@ -411,7 +411,7 @@ def _without_pose(signals: Signals) -> str:
         return "with a gyro and wheel rates, how the robot turns could be said"
     left, right = signals.wheels
     # least squares of right - left over the yaw rate
-    ratio = float((right - left) @ gyro / (gyro @ gyro))
+    ratio = (right - left) @ gyro / (gyro @ gyro)
     return (
         f"gyro and wheels say that right less left is {ratio:.2f} times the yaw rate: "
         f"an effective track of {ratio:.2f} wheel radii, "
@@ -491,7 +491,7 @@ def _draw_parts(
 
 
 def _sampling_row(t: FloatArray) -> Mapping[str, Any]:
-    period = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    period = np.median(np.diff(t)) if len(t) > 1 else 0.0
     rate = 1.0 / period if period > 0.0 else math.nan
     start, stop = (float(t[0]), float(t[-1])) if len(t) and t[-1] > t[0] else (math.nan, math.nan)
     return {"samples": len(t), "rate_Hz": rate, "from_s": start, "to_s": stop}

@@ -409,4 +409,4 @@ def command_measures(shares: FloatArray, period: float) -> tuple[float, float]:
 def _row_rms(rows: FloatArray) -> float:
     """Return the root mean square of the lengths of rows."""
     squares = np.sum(rows**2, axis=1)
-    return math.sqrt(float(np.mean(squares)))
+    return math.sqrt(np.mean(squares))

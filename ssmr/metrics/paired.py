@@ -46,7 +46,7 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
     n = len(t)
     pair = np.stack([frozen_array(values, "errors", (n,)) for values in (one, other)])
     neighbours = np.searchsorted(t, t + block) - np.arange(n)
-    together = int(np.max(neighbours, initial=1))
+    together = np.max(neighbours, initial=1)
     if n < _FEWEST_BLOCKS * together:
         return 1.0
     blocks = n / together
@@ -55,7 +55,7 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
     drawn = series.reshape(_DRAWS, -1)[:, :n]
     apart = np.subtract(*np.median(pair, axis=-1))
     spread = np.subtract(*np.median(pair[:, drawn], axis=-1))
-    error = float(np.std(spread, ddof=1)) * math.sqrt(blocks / (blocks - 1.0))
+    error = np.std(spread, ddof=1) * math.sqrt(blocks / (blocks - 1.0))
     if error > 0.0:
         return float(2.0 * stdtr(blocks - 1.0, -abs(apart) / error))
     return float(apart == 0.0)

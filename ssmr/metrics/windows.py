@@ -91,7 +91,7 @@ def horizon_windows(
     edges = [0] if len(index) > 0 else []
     while edges:
         end = at[edges[-1]] + horizon
-        k = int(np.searchsorted(at, end - TIME_TOLERANCE))
+        k = np.searchsorted(at, end - TIME_TOLERANCE)
         if k == len(index):
             break
         edges.append(k)

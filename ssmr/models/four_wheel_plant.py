@@ -151,7 +151,7 @@ class FourWheelBodies:
     @property
     def gave_up(self) -> NDArray[np.bool_]:
         """(S,) robots whose numbers were no longer finite in the last run."""
-        return np.asarray(self._failed >= 0)
+        return self._failed >= 0
 
     def states(self) -> FloatArray:
         """Return (S, 10) the fields of `ssmr.types.Motion`."""

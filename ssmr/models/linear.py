@@ -118,7 +118,7 @@ def _exact_push(matrix: Sequence[Sequence[float]], dt: float) -> FloatArray:
     """
     rates, modes = np.linalg.eig(np.array(matrix))
     pushes = [exact_step(-rate, dt)[1] for rate in rates.tolist()]
-    return np.asarray((modes * pushes) @ np.linalg.inv(modes))
+    return (modes * pushes) @ np.linalg.inv(modes)
 
 
 def state_space_matrices(

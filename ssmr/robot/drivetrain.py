@@ -147,7 +147,7 @@ def battery_current(
     """
     power = torque * rate
     passed = np.where(power > 0.0, power / efficiency, power * efficiency)
-    return np.asarray((passed + heat * torque**2) / voltage)
+    return (passed + heat * torque**2) / voltage
 
 
 def battery_torque(
@@ -161,4 +161,4 @@ def battery_torque(
     """
     passed = rate * np.where(power > 0.0, 1.0 / efficiency, efficiency)
     root = np.sqrt(np.maximum(passed**2 + 4.0 * heat * power, 0.0))
-    return np.asarray(2.0 * power / np.maximum(passed + root, 1e-12))
+    return 2.0 * power / np.maximum(passed + root, 1e-12)

@@ -202,4 +202,4 @@ def _rate_of_change(t: FloatArray, values: FloatArray) -> FloatArray:
     low = np.clip(t - 0.5 * span, t[0], t[-1])
     high = np.clip(t + 0.5 * span, t[0], t[-1])
     change = np.interp(high, t, values) - np.interp(low, t, values)
-    return np.asarray(change / (high - low))
+    return change / (high - low)

@@ -53,7 +53,7 @@ def measure(
     """
     tick = _sample_periods(trajectory.t, rate)
     source = np.searchsorted(tick, tick, side="left")  # the first sample of each tick
-    draws = rng.standard_normal((int(tick[-1]) + 1, 5))[tick]
+    draws = rng.standard_normal((tick[-1] + 1, 5))[tick]
     deviations = np.sqrt([noise.x, noise.y, noise.yaw, noise.v_x, noise.yaw_rate])
     pose = trajectory.pose[source] + draws[:, :3] * deviations[:3]
     twist = trajectory.twist[source].copy()

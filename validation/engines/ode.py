@@ -227,10 +227,10 @@ class OdeBody:
         lib = self._ode
         c = self._robot
         s = self._settings
-        load = float(self._resting.sum()) / len(WHEELS)
+        load = self._resting.sum() / len(WHEELS)
         mass = load / np.linalg.norm(self._gravity)
         radii = c.radii
-        kp = s.kp or load / (SINK_SHARE * float(radii.mean()))
+        kp = s.kp or load / (SINK_SHARE * radii.mean())
         kd = s.kd or 2.0 * math.sqrt(kp * mass)
         if s.soft:
             radii = radii + self._resting / kp / (2.0 if self._cylinders else 1.0)

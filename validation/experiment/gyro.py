@@ -96,7 +96,7 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     correlation = float(gyro @ pose) / max(size, 1e-9)
     if abs(correlation) < _LEAST_CORRELATION:
         return None
-    sign = float(np.sign(correlation))
+    sign = np.sign(correlation)
     late = {}
     log = inspected.log
     if sign < 0.0:
@@ -116,11 +116,11 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     rest = inspected.rest
     if rest is None:
         drift = (turned(put("pose_yaw", 0.0)) - pose) / turned([m.t for m in motions])
-        bias = sign * float(np.median(drift))
+        bias = sign * np.median(drift)
     else:
         bias = rest.bias
     delayed = put("pose_yaw", bias)
-    apart = float(np.median(np.abs(turned(delayed) - pose)))
+    apart = np.median(np.abs(turned(delayed) - pose))
     return GyroJudge(put("wheels", bias), delayed, apart)
 
 

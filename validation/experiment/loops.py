@@ -299,7 +299,7 @@ def open_path(
         name, named_speed = split_speed(reference)
         speed = named_speed if speed is None else speed
     if name in REFERENCES or speed is None:
-        k = int(np.argmax(waypoints.segment_speeds))
+        k = np.argmax(waypoints.segment_speeds)
         asked = waypoints.segment_speeds[k]
         able = min(robot.drive.v_max for robot in robots)
         if asked > able:

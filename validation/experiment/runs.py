@@ -193,7 +193,7 @@ def _at_limit(run: Run, plant: MujocoPlant, source: Source, push_seed: int | Non
     moved = 0.0
     for piece, motion in zip(source.pieces, run.motions, strict=True):
         again = _drive_pushed(robot, piece, run.localiser, source.sample_dt, push_seed)
-        moved = max(moved, float(np.hypot(*(motion.pose[-1] - again.pose[-1])[:2])))
+        moved = max(moved, np.hypot(*(motion.pose[-1] - again.pose[-1])[:2]))
     return (
         f"motors were at their limit of {motor.limit:g} N m a side for {seconds:.1f} s; the "
         f"end of its path is uncertain by some {1e3 * moved:.1f} mm"

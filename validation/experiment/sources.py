@@ -313,7 +313,7 @@ def source_of(
             moves=moves[s],
         )
         pieces.append(piece)
-    sentences += too_short(max(float(np.ptp(log.t[s])) for s in stretches))
+    sentences += too_short(max(np.ptp(log.t[s]) for s in stretches))
     warnings = tuple(one_line(f"{log.name}: {sentence}") for sentence in sentences)
     return Source(
         name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title=title, inspected=inspected
@@ -345,8 +345,8 @@ def _samples_within(
 
     The first one is the last before the (M,) instants `t` [s], the last one the first after them.
     """
-    first = max(int(np.searchsorted(group.t, t[0], side="right")) - 1, 0)
-    stop = int(np.searchsorted(group.t, t[-1])) + 1
+    first = max(np.searchsorted(group.t, t[0], side="right") - 1, 0)
+    stop = np.searchsorted(group.t, t[-1]) + 1
     columns = [group.columns[name][first:stop] for name in names]
     return group.t[first:stop], np.column_stack(columns)
 
@@ -378,7 +378,7 @@ def commands_on_grid(
     """
     covered = stamps if t is None else t
     since = stamps - covered[0]
-    length = float(covered[-1] - covered[0])
+    length = covered[-1] - covered[0]
     n = max(1, math.ceil((length - TIME_ROUNDOFF) / dt))
     if kind == "wheels":
         middle = (np.arange(n) + 0.5) * dt
@@ -415,7 +415,7 @@ def _initial_state(t: FloatArray, pose: FloatArray, fresh: BoolArray, wheels: Fl
         at = t[first] - t[0]
         moved = pose[first] - pose[0]
         centred = at - at.mean()
-        yaw_rate = float(centred @ moved[:, 2] / (centred @ centred))
+        yaw_rate = centred @ moved[:, 2] / (centred @ centred)
         half_turn = 0.5 * yaw_rate * at
         # of unit v_x and of unit v_y, in the body
         chord = (at * np.sinc(half_turn / np.pi))[:, None, None] * np.eye(2)
@@ -476,10 +476,10 @@ def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
     twist = np.concatenate([motion.twist for motion in motions])
     mean = wheels.mean(axis=1)
     difference = np.diff(wheels)[:, 0]
-    radius = float(twist[:, 0] @ mean / max(mean @ mean, 1e-9))
+    radius = twist[:, 0] @ mean / max(mean @ mean, 1e-9)
     # the sign is the gyro's
     turned = max(abs(twist[:, 2] @ difference), 1e-9)
-    width = radius * float(difference @ difference / turned)
+    width = radius * (difference @ difference / turned)
     odd = []
     for what, turns, value, size, least, most in (
         ("wheel radius", mean, radius, robot.wheel_radius, 1.0 / _ODD, _ODD),

@@ -66,8 +66,8 @@ def adapted_along(
     problem = _prior_problem(model, base, source, occasion)
     ends = np.concatenate([rater.ends for rater, _ in problem.days[0].raters])
     truths = [true_motion(piece) for piece in source.pieces]
-    first = float(truths[0].t[0])
-    changes = np.arange(first + seconds, float(truths[-1].t[-1]), seconds)
+    first = truths[0].t[0]
+    changes = np.arange(first + seconds, truths[-1].t[-1], seconds)
     driven = Remembered()
     point = problem.begun
     pieces = []
@@ -81,7 +81,7 @@ def adapted_along(
             point, _ = descend_from(past, point, Remembered(), 1, lambda: None)
         plant = plant_on(problem, point, source)
         motions = motions_of(problem, plant, source)
-        sets.append((float(begin), motions))
+        sets.append((begin, motions))
         pieces += [replace(piece, begins=(begin, end)) for piece in source.pieces]
         every += motions
         late.append(plant.localiser.yaw_late)
@@ -166,7 +166,7 @@ def _join_parts(t: FloatArray, parts: Sequence[tuple[float, Trajectory]]) -> Tra
     pose = parts[0][1].pose.copy()
     twist = parts[0][1].twist.copy()
     for begin, motion in parts[1:]:
-        k = int(np.searchsorted(t, begin))
+        k = np.searchsorted(t, begin)
         # the last pose before the change stands for both
         if 0 < k < len(t):
             pose[k:] = compose_poses(

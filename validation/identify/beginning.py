@@ -60,7 +60,7 @@ def _weight_for_turn(robot: Robot, width: float) -> tuple[float, float]:
     ends = (0.0, _REACH * robot.wheelbase)
     most, least = (2.0 / turn(x).yaw_rate for x in ends)
     within = min(max(width, least), most)
-    x = float(brentq(lambda x: 2.0 / turn(x).yaw_rate - within, *ends))
+    x = brentq(lambda x: 2.0 / turn(x).yaw_rate - within, *ends)
     return x, -turn(x).across / turn(x).yaw_rate
 
 
@@ -132,7 +132,7 @@ def begin_at(
         ]
         points.append(first_points(None, body.space, np.array(values)))
     costs = (body.coarser() or body).costs(np.concatenate(points), None, o.raters)
-    return points[int(np.argmin(costs))]
+    return points[np.argmin(costs)]
 
 
 def searched_names(

@@ -94,7 +94,7 @@ def _side_currents(numbers: FitNumbers, rates: FloatArray, vehicle: Vehicle) -> 
     known, inverse = np.unique(rates.round(4), axis=1, return_inverse=True)
     effort = side_forces(known, vehicle, numbers.get("slip_scale", COULOMB_SCALE))
     loss = np.array([[numbers["loss_left"]], [numbers["loss_right"]]])
-    return np.asarray(numbers["friction"] * effort[:, inverse.ravel()] + loss * np.sign(rates))
+    return numbers["friction"] * effort[:, inverse.ravel()] + loss * np.sign(rates)
 
 
 def _is_able(rule: str, sensor: Sensor, unit: str) -> bool:
@@ -133,7 +133,7 @@ def _fit_rule(rule: str, some: MotorSamples, sensor: Sensor, vehicle: Vehicle) -
     kind, _, bounds = _READING_RULES[rule]
     known = np.isfinite(some.currents)
     currents = some.currents[known]
-    unit = float(np.percentile(np.abs(currents), 90))
+    unit = np.percentile(np.abs(currents), 90)
     if kind == "battery":
         unit *= float(np.median(some.voltages) / np.percentile(np.abs(some.rates[known]), 75))
     numbers = dict(bounds)

@@ -85,7 +85,7 @@ def driven_rates(commands: FloatArray, dt: float, law: FitNumbers, own: Drive) -
     fastest = own.command_radius * np.abs(wanted).max(axis=0)
     stays = math.exp(-dt / law["lag"])
     limited = wanted / np.maximum(fastest / own.v_max, 1.0)
-    return np.asarray(lfilter([1.0 - stays], [1.0, -stays], limited))
+    return lfilter([1.0 - stays], [1.0, -stays], limited)
 
 
 # ---------------------------------------------------------------------- commands of a log
@@ -103,7 +103,7 @@ def held_commands(log: DriveLog) -> list[slice]:
             continue
         moved = np.any(np.diff(log.rates[:, first:stop], axis=1) != 0.0, axis=0)
         if moved[t[1:] < _RESPONSE_S].any():
-            held.append(slice(first, first + int(np.searchsorted(t, _USED))))
+            held.append(slice(first, first + np.searchsorted(t, _USED)))
     return held
 
 
@@ -116,7 +116,7 @@ def rate_evidence(log: DriveLog) -> dict[str, Any]:
     """
     held = held_commands(log)
     late = [log.rates[:, span][:, log.t[span] > log.t[span.start] + _LATE] for span in held]
-    scatter = float(np.median([rates.std(axis=1) for rates in late])) if late else math.nan
+    scatter = np.median([rates.std(axis=1) for rates in late]) if late else math.nan
     step = _rate_step(log.rates)
     return {
         "log": log.name,
@@ -136,10 +136,10 @@ def _rate_step(rates: FloatArray) -> float | None:
     apart = apart[apart > 0.5 * _FINEST_STEP]
     if len(apart) < 2:
         return None
-    step = float(np.median(apart[apart < 1.5 * apart.min()]))
+    step = np.median(apart[apart < 1.5 * apart.min()])
     for _ in range(3):  # sharper with every whole number of steps
         whole = np.round(sizes / step)
-        step = float((sizes @ whole) / (whole @ whole))
+        step = (sizes @ whole) / (whole @ whole)
     off = np.abs(sizes / step - np.round(sizes / step))
     return step if step > _FINEST_STEP and np.mean(off < _OFF_STEP) > 0.99 else None
 
@@ -154,7 +154,7 @@ def _message_ages(log: DriveLog) -> FloatArray:
     values = [pair for pair in (log.rates, log.currents, log.voltages) if pair is not None]
     new = refreshed(log.t, np.concatenate(values).T)
     sent = log.t[new]
-    row, period = (float(np.median(np.diff(t))) for t in (log.t, sent))
+    row, period = (np.median(np.diff(t)) for t in (log.t, sent))
     if len(values) == 1 or period < 1.5 * row:
         return np.zeros(len(log.t))
     # a message came, on average, half a row before the first row that shows it
@@ -195,7 +195,7 @@ class CommandLog:
     def logged(self, law: FitNumbers) -> FloatArray:
         """Return (2, M) wheel rates as they would be logged, cut to whole steps [rad/s]."""
         steps = self.rates(law, self.measured) / self.step
-        return np.asarray(np.trunc(steps + 1e-9 * np.sign(steps)) * self.step)
+        return np.trunc(steps + 1e-9 * np.sign(steps)) * self.step
 
     def square(self, law: FitNumbers) -> float:
         """Return the mean square error under held commands [(rad/s)^2]."""
@@ -212,7 +212,7 @@ class CommandLog:
             cut = 0.5 * self.step * np.clip(rates / self.step, -1.0, 1.0)
             return (rates - cut - self.log.rates[:, self.rows]).ravel()
 
-        fastest_turn = float(np.abs(self.commands[:, 1]).max())
+        fastest_turn = np.abs(self.commands[:, 1]).max()
         numbers = {
             "dead_time": (0.15, 0.0, 2.0),
             "gain": (1.0, 0.2, 5.0),
@@ -285,7 +285,7 @@ def fit_inertia(driver: DriverFit, rho: float) -> tuple[FloatArray, Mapping[str,
     log = driver.whole.log
     currents = require_currents(log)
     standing = np.abs(log.rates).sum(axis=0) < 1e-6
-    idle = float(np.median(currents[:, standing])) if standing.any() else 0.0
+    idle = np.median(currents[:, standing]) if standing.any() else 0.0
     times = driver.whole.starts[:, None] + np.arange(-_BEFORE, _AFTER, _FINE)
     rates = driver.whole.rates(values_of(driver.found), times)
     slopes = np.gradient(rates, _FINE, axis=2)
@@ -299,7 +299,7 @@ def fit_inertia(driver: DriverFit, rho: float) -> tuple[FloatArray, Mapping[str,
         losses = np.reshape([x["left"], x["right"]], (2, 1, 1)) * np.sign(rates)
         inertia = np.where(reverses, x["reversals"], x["one_way"])[..., None]
         shown = bridge_reading(losses + inertia * slopes, rates, rho, 0.0)
-        return np.asarray(np.trapezoid(shown, dx=_FINE, axis=2) - charge).ravel()
+        return (np.trapezoid(shown, dx=_FINE, axis=2) - charge).ravel()
 
     inertia = (0.2, 0.0, 1.2)
     loss = (0.3, 0.0, 5.0)

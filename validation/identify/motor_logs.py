@@ -63,7 +63,7 @@ def loss_of(plant: PlantProfile) -> float:
     """Return what gear and rolling take of a side's torque in a plant on wheels [N m]."""
     body = plant.parameters
     side = 0.5 * body.mass * GRAVITY
-    return float(plant.drive.gear_loss + body.rolling_resistance * side * body.wheel_radius)
+    return plant.drive.gear_loss + body.rolling_resistance * side * body.wheel_radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class DriveLog:
 
     def divided(self) -> tuple[DriveLog, DriveLog]:
         """Return its first two thirds, to be fitted, and its last third, which judges."""
-        end = int(np.searchsorted(self.t, self.t[0] + FIT_SHARE * (self.t[-1] - self.t[0])))
+        end = np.searchsorted(self.t, self.t[0] + FIT_SHARE * (self.t[-1] - self.t[0]))
         return self._part("first two thirds", slice(end)), self._part(
             "last third", slice(end, None)
         )
@@ -176,10 +176,10 @@ def sensor_of(log: DriveLog) -> Sensor:
     if log.signed:
         return Sensor(kind, 0.0, 0.0, signed=True)
     sizes = np.abs(currents[currents != 0.0])
-    idle = 0.5 * float(sizes.min()) if sizes.min() < 0.1 * sizes.max() else 0.0
+    idle = 0.5 * sizes.min() if sizes.min() < 0.1 * sizes.max() else 0.0
     inside = [current[window] for window in _steady_windows(log) for current in currents]
     ripples = [current.std() for current in inside if current.mean() > 5.0 * max(idle, 0.1)]
-    return Sensor(kind, float(np.median(ripples or [1.0])), idle, signed=False)
+    return Sensor(kind, np.median(ripples or [1.0]), idle, signed=False)
 
 
 class MotorSamples(NamedTuple):
@@ -198,15 +198,15 @@ def _steady_windows(log: DriveLog) -> list[slice]:
     windows = []
     first = 0
     while first < len(t) - 1:
-        stop = int(np.searchsorted(t, t[first] + _MOST, side="right"))
+        stop = np.searchsorted(t, t[first] + _MOST, side="right")
         start = log.rates[:, first, None]
         moved = np.abs(log.rates[:, first:stop] - start).max(axis=0) >= _STEADY_RATE
         moved[1:] |= np.diff(t[first:stop]) >= _LONG_STEP
         if moved.any():
-            stop = first + int(np.argmax(moved))
+            stop = first + np.argmax(moved)
         settled = t[first] + _SETTLE
         if t[stop - 1] - settled >= _LEAST and np.abs(start).sum() > _STANDING:
-            windows.append(slice(int(np.searchsorted(t, settled)), stop))
+            windows.append(slice(np.searchsorted(t, settled), stop))
         first = stop
     return windows
 

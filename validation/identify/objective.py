@@ -106,7 +106,7 @@ def torque_errors(pieces: Sequence[Piece], motions: Sequence[Trajectory]) -> Flo
 
 def _error_stride(t: FloatArray) -> int:
     """Return the number of samples between errors at equal times, of (M,) stamps [s]."""
-    period = float(np.median(np.diff(t)))
+    period = np.median(np.diff(t))
     return max(1, round(_SYNC_STRIDE_S / period))
 
 
@@ -399,7 +399,7 @@ def make_raters(cost: FitCost, sources: Sequence[Source]) -> list[Rater]:
         ValueError: no window of the horizon objective fits into them.
     """
     pieces = list(chain.from_iterable(source.pieces for source in sources))
-    seconds = [float(np.ptp(true_motion(piece).t)) for piece in pieces]
+    seconds = [np.ptp(true_motion(piece).t) for piece in pieces]
     length = _BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S
     # one more for a last block that is not full, and one for the error of a path's length
     blocks = list(accumulate((2 + int(s / length) for s in seconds), initial=0))[:-1]
@@ -444,7 +444,7 @@ def _window_counts(cost: FitCost, sources: Sequence[Source]) -> list[list[int]]:
             "the robot stands all the time, so nothing tells how it moves; record a drive"
         )
     horizon = cost.horizons[total.index(min(total))]
-    longest = max(float(np.ptp(true_motion(piece).t)) for piece in pieces)
+    longest = max(np.ptp(true_motion(piece).t) for piece in pieces)
     raise ValueError(
         f"no window of {horizon:g} s in which the robot moves fits between gaps and "
         f"jumps; the longest stretch without a gap has {longest:.1f} s: "

@@ -341,7 +341,7 @@ def descend_from(
         if hopeless or (settled and (unit or not problem.pulls)):
             break
         unit = scale
-    return np.asarray(end), size
+    return end, size
 
 
 def simplex_end(cost_at: Callable[[FloatArray], float], start: FloatArray) -> FloatArray:
@@ -365,22 +365,22 @@ def simplex_end(cost_at: Callable[[FloatArray], float], start: FloatArray) -> Fl
         found = minimize(cost_at, end, method="Nelder-Mead", bounds=cube, options=settings)
         before = cost
         end = found.x
-        cost = float(found.fun)
+        cost = found.fun
         if cost >= (1.0 - _SIMPLEX_END) * before:
             break
-    return np.asarray(end)
+    return end
 
 
 def _total_size(errors: FloatArray, robust: bool) -> float:
     """Return the size of all errors: the root of the sum of squares, or the sum of sizes."""
     if robust:
-        return float(np.abs(errors).sum())
+        return np.abs(errors).sum()
     return float(np.linalg.norm(errors))
 
 
 def median_size(errors: FloatArray, problem: Residuals) -> float:
     """Return the median size of a problem's (K,) errors without the pulls; it is positive."""
-    return max(float(np.median(np.abs(errors[: len(errors) - problem.pulls]))), 1e-12)
+    return max(np.median(np.abs(errors[: len(errors) - problem.pulls])), 1e-12)
 
 
 def _in_one_unit(errors: FloatArray, problem: Residuals, size: float) -> FloatArray:

@@ -235,8 +235,8 @@ def worse_sentences(
         yaw = cost.yaw_weight * e.yaw_median_rad
         return cost.position_weight * e.position_median_m + yaw
 
-    was = float(np.mean([*map(size, before)])) if before else 0.0
-    now = float(np.mean([*map(size, after)])) if after else 0.0
+    was = np.mean([*map(size, before)]) if before else 0.0
+    now = np.mean([*map(size, after)]) if after else 0.0
     if now <= was:
         return []
     kept = "keeps the old ones (--even-if-worse)"

@@ -338,7 +338,7 @@ class TuneProblem:
         if self._late and kept:
             runs = self._runs(case, self._late[k], [laws[i] for i in kept], workers)
             for i, run in zip(kept, runs, strict=True):
-                if run.lost or float(np.abs(run.column("e_rho")).max()) > _GUARD_DISTANCE:
+                if run.lost or np.abs(run.column("e_rho")).max() > _GUARD_DISTANCE:
                     costs[i] = np.inf
         return costs
 

@@ -166,7 +166,7 @@ def estimate_uncertainty(
     scale = np.where(share > 0.0, np.outer(share, share), 1.0)
     correlation = np.where(np.isfinite(covariance), covariance / scale, 0.0)
     np.fill_diagonal(correlation, 1.0)
-    reach = float(stdtrit(max(blocks - 1, 1), 0.975)) * np.nan_to_num(share)
+    reach = stdtrit(max(blocks - 1, 1), 0.975) * np.nan_to_num(share)
     ends = [np.clip(point - reach, 0.0, 1.0), np.clip(point + reach, 0.0, 1.0)]
     return Uncertainty(
         share * problem.space.slopes(point),
@@ -200,7 +200,7 @@ def _shift_deviations(point: FloatArray, problem: FitProblem) -> FloatArray:
     if not set(_SHIFT) <= set(names):
         return np.zeros(len(point))
     second = np.array([_SHIFT.get(name, 0.0) for name in names]) / problem.space.slopes(point)
-    return IGNORANCE / float(np.linalg.norm(second)) * second
+    return IGNORANCE / np.linalg.norm(second) * second
 
 
 def _pull_and_stiffness(errors: FloatArray, robust: bool) -> tuple[FloatArray, FloatArray]:
@@ -321,13 +321,13 @@ def _of_a_day(
     of soft_l1, with the ignorance as a prior.
     """
     _, member = np.unique(blocks, return_inverse=True)
-    count = int(member.max()) + 1
+    count = member.max() + 1
     prior = NORMAL**2 * len(errors) / count / IGNORANCE**2 * np.eye(slopes.shape[1])
     rest = errors
     for _ in range(_ROUNDS):
-        size = max(float(np.median(np.abs(rest))), 1e-12)
+        size = max(np.median(np.abs(rest)), 1e-12)
         weighted = slopes / (size**2 * np.sqrt(1.0 + (rest / size) ** 2))[:, None]
-        step = -np.asarray(np.linalg.solve(weighted.T @ slopes + prior, weighted.T @ errors))
+        step = -np.linalg.solve(weighted.T @ slopes + prior, weighted.T @ errors)
         rest = errors + slopes @ step
     known = np.full(len(step), IGNORANCE)
     return step, _jackknife_covariance(
@@ -337,7 +337,7 @@ def _of_a_day(
 
 def _beyond_errors(values: FloatArray, variances: FloatArray) -> float:
     """Return the standard deviation of (D,) values beyond what their own variances explain."""
-    most = len(values) * float(np.ptp(values)) ** 2
+    most = len(values) * np.ptp(values) ** 2
 
     def excess(between: float) -> float:
         weights = 1.0 / (variances + between + 1e-12)
@@ -346,7 +346,7 @@ def _beyond_errors(values: FloatArray, variances: FloatArray) -> float:
 
     if not np.isfinite(variances).all() or excess(0.0) <= 0.0:
         return 0.0
-    return float(np.sqrt(brentq(excess, 0.0, most)))
+    return np.sqrt(brentq(excess, 0.0, most))
 
 
 def _widest_covariance(
@@ -362,12 +362,12 @@ def _widest_covariance(
     relative = ((one_sided - slopes) ** 2).sum(axis=0) / size
     _, member = np.unique(problem.blocks, return_inverse=True)
     covariances: list[tuple[FloatArray, int]] = []
-    while (count := int(member.max()) + 1) >= _FEWEST_BLOCKS or not covariances:
+    while (count := member.max() + 1) >= _FEWEST_BLOCKS or not covariances:
         soft = _pull_and_stiffness(errors, problem.robust)
         covariances.append((_jackknife_covariance(slopes, soft, member, relative**2, known), count))
         # neighbouring blocks in pairs
         member = member // 2
-    widest, count = max(covariances, key=lambda one: float(np.trace(one[0])))
+    widest, count = max(covariances, key=lambda one: np.trace(one[0]))
     # each number has its own widest error: some are known by few blocks
     own = np.max([np.diag(one) for one, _ in covariances], axis=0)
     scale = np.sqrt(own / np.maximum(np.diag(widest), 1e-300))
@@ -391,7 +391,7 @@ def _jackknife_covariance(
     numbers that the data cannot tell apart would be told apart by errors of the derivatives.
     """
     pull, stiffness = soft
-    count = int(member.max()) + 1
+    count = member.max() + 1
     sums = np.zeros((count, slopes.shape[1]))
     np.add.at(sums, member, slopes * pull[:, None])
     centred = sums - sums.mean(axis=0)  # at an optimum of least squares the mean is nothing
@@ -423,7 +423,7 @@ def _known_sums(space: ParameterSpace, uncertainty: Uncertainty, point: FloatArr
         group = [k for k, n in enumerate(space.names) if n in ("delay", "wheel_lag", own)]
         errors = uncertainty.standard_error[group]
         square = errors @ uncertainty.correlation[np.ix_(group, group)] @ errors
-        error = math.sqrt(abs(float(square)))
+        error = math.sqrt(abs(square))
         if len(group) > 1 and error < _TOGETHER * errors.max():
             total = " + ".join(space.names[k] for k in group)
             sums.append(f"{total} = {values[group].sum():.3f} ± {error:.3f} s")
@@ -450,7 +450,7 @@ def uncertainty_sentences(
             f"{errors[1]} would be the spread of one drawn from its bounds; {advice}."
         )
     for i, j in combinations(range(len(names)), 2):
-        r = float(uncertainty.correlation[i, j])
+        r = uncertainty.correlation[i, j]
         if names[i] in sums and names[j] in sums:
             continue
         if abs(r) > _ENTANGLED and max(share[i], share[j]) > _WORTH_TELLING:

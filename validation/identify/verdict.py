@@ -184,8 +184,8 @@ def turn_share(driven: Driven) -> float:
     square = 0.0
     for path, i, j, error in signed_windows(driven, HEADLINE_HORIZON):
         turned = path[j, 2] - path[i, 2] - error[:, 2]
-        product += float(error[:, 2] @ turned)
-        square += float(turned @ turned)
+        product += error[:, 2] @ turned
+        square += turned @ turned
     return product / max(square, 1e-9)
 
 

@@ -204,7 +204,7 @@ class EpisodeSource:
             y, yaw, speed and yaw rate at each tick; and (T, n) yaw accelerations at each physics
             step [rad/s2].
         """
-        section = self.sections[int(rng.integers(len(self.sections)))]
+        section = self.sections[rng.integers(len(self.sections))]
         calibration, drive = self._draw_robot(section, rng)
         slowest, fastest = self.task.speeds
         limit = max(_SPEED_SHARE * drive.v_max, slowest)

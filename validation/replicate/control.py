@@ -190,7 +190,7 @@ def _measure_draw(number: str, seed: int, supposed: bool = False) -> Row:
     if supposed:
         apart, _ = cKDTree(motion.xy).query(judge.xy)
         metrics["d_rms_m"] = math.sqrt(np.mean(apart**2))
-        metrics["d_haus_m"] = float(apart.max())
+        metrics["d_haus_m"] = apart.max()
     return {name: metrics[name] for name in RULE_OF}
 
 
@@ -339,7 +339,7 @@ def _measure_saturation(variant: tuple[str, str, float, int]) -> Row:
     ).robots[0]
     name = "side_torque_limit_N_m"
     limit = {name: followed.options[name]}
-    return {"percent": 100.0 * float(np.mean(find_saturated(followed.run, limit)))}
+    return {"percent": 100.0 * np.mean(find_saturated(followed.run, limit))}
 
 
 def _find_saturation(task: Task) -> Findings:
@@ -350,7 +350,7 @@ def _find_saturation(task: Task) -> Findings:
     rows: dict[str, dict[str, Pair]] = {}
     for (plant, law, speed), shares in zip(cases, np.reshape(found, (len(cases), -1)), strict=True):
         rule: Rule = "words" if speed == _FAST else "none"
-        pair = Pair(None, float(np.mean(shares)), rule, "%", standard_deviation(shares))
+        pair = Pair(None, np.mean(shares), rule, "%", standard_deviation(shares))
         rows[f"{plant}, {law}, {speed:g} m/s"] = {"time_at_limit_percent": pair}
     return Findings({"Sec. 4.5, motors": rows}, {"seeds": task.draws})
 

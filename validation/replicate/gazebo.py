@@ -79,7 +79,7 @@ def straight_share(motion: Trajectory, commanded: FloatArray) -> float:
     """
     hard = np.abs(commanded) >= _HARD * np.abs(commanded).max()
     straight = np.abs(motion.twist[:, 2]) < _STRAIGHT * np.abs(commanded)
-    return float(straight[hard].mean())
+    return straight[hard].mean()
 
 
 def drive_trajectory_3(
@@ -121,9 +121,9 @@ def drive_trajectory_3(
     turning = np.mean(motion.twist[on, 2] ** 2) / np.mean(commanded[on] ** 2)
     return {
         "straight_share": straight_share(motion, commanded),
-        "turning_share": float(np.sqrt(turning)),
-        "opposite_share": float(np.mean(np.prod(motion.wheels, axis=1) < 0.0)),
-        "speed_excess": 100.0 * (float(motion.twist[on, 0].max()) / STRAIGHT_SPEED - 1.0),
+        "turning_share": np.sqrt(turning),
+        "opposite_share": np.mean(np.prod(motion.wheels, axis=1) < 0.0),
+        "speed_excess": 100.0 * (motion.twist[on, 0].max() / STRAIGHT_SPEED - 1.0),
         "d_rms_m": compare_paths(motion, improved)["d_rms_m"],
     }
 
@@ -163,10 +163,10 @@ def _repeat_gazebo(task: Task) -> Findings:
         # of the cone alone the thesis says nothing
         rule: Rule = "none" if law == "cone" else "words"
         wheel, world = (found[name][law, direction] for direction in _DIRECTIONS)
-        beside = {"world": float(np.median(world))}
+        beside = {"world": np.median(world)}
         spread = standard_deviation(wheel)
-        rows[law][name] = Pair(None, float(np.median(wheel)), rule, unit, spread, beside)
-    far = {case: float(np.median(values)) for case, values in found["d_rms_m"].items()}
+        rows[law][name] = Pair(None, np.median(wheel), rule, unit, spread, beside)
+    far = {case: np.median(values) for case, values in found["d_rms_m"].items()}
     wheel, world = (far["box", d] / max(far["pyramid", d], far["cone", d]) for d in _DIRECTIONS)
     rows["box"]["times_the_others"] = Pair(None, wheel, "words", beside={"world": world})
     beside_rows = []
@@ -178,7 +178,7 @@ def _repeat_gazebo(task: Task) -> Findings:
             row[shown] = (float(np.median(values)), float(values.min()), float(values.max()))
         beside_rows.append(row)
     distances = np.reshape(list(found["d_rms_m"].values()), (len(_LAWS), -1))
-    closest = int(np.sum(np.argmin(distances, axis=0) == list(_LAWS).index("cone")))
+    closest = np.sum(np.argmin(distances, axis=0) == list(_LAWS).index("cone"))
     words |= {"closest": closest, "cases": distances.shape[1]}
     title = "The same by direction: median over the starts, least and greatest"
     table = Table(title, beside_rows, units={"d_rms_m": METRES})

@@ -111,7 +111,7 @@ def _find_noise(task: Task) -> Findings:
     for name, printed in published.printed_table("3.4")["rows"].items():
         exact, wrong, added = means[name]
         beside = {"with jitter": float(wrong.mean()), "of what is simulated": float(added.mean())}
-        ours = float(exact.mean())
+        ours = exact.mean()
         spread = standard_deviation(exact)
         pair = Pair(printed["value"], ours, "spread", printed["unit"], spread, beside)
         rows[name] = {"variance": pair}
@@ -121,7 +121,7 @@ def _find_noise(task: Task) -> Findings:
         "draws": draws,
         "rate": _RATE,
         "jitter": 1e3 * _JITTER,
-        "kept": float(np.sum(np.square(high_pass(_RATE)))),
+        "kept": np.sum(np.square(high_pass(_RATE))),
     }
     return Findings({"3.4": rows}, words)
 

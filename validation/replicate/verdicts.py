@@ -191,7 +191,7 @@ def _share_of_range(value: float, bounds: Sequence[float], scale: Scale = "linea
     if scale == "log":
         ends = np.log(np.maximum(ends, np.finfo(float).tiny))
     lower, upper, place = ends.tolist()
-    return float((place - lower) / (upper - lower))
+    return (place - lower) / (upper - lower)
 
 
 def at_bound(value: float | None, bounds: Sequence[float], scale: Scale = "linear") -> bool:

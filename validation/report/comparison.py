@@ -76,7 +76,7 @@ class Comparison(Motions):
         else:
             path = self.truth[0].xy
             width, height = np.ptp(path, axis=0) + 0.5
-            tall = float(np.clip(10.0 * height / width, 3.0, 5.5))
+            tall = np.clip(10.0 * height / width, 3.0, 5.5)
             rows.append(PanelRow(tall, [self._draw_paths]))
         flags = [name for name, value in self.options.items() if value is True]
         made = [f"reference {self.reference}", f"seed {self.seed}", *flags]
@@ -198,7 +198,7 @@ class Comparison(Motions):
         """Return panels of the motions' errors at equal times."""
         begin, end = self.span
         gaps = np.cumsum([len(piece) for piece in self.truth])[:-1]
-        units = {"Position": length_unit([float(track.errors[0].max()) for track in tracks])}
+        units = {"Position": length_unit([track.errors[0].max() for track in tracks])}
         units["Yaw"] = DEGREES
         panels = list[Panel]()
         for which, (what, unit) in enumerate(units.items()):
@@ -239,7 +239,7 @@ class Comparison(Motions):
 
 
 def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:
-    period = float(np.median(np.diff(piece.t))) if len(piece) > 1 else _MEAN_TIME
+    period = np.median(np.diff(piece.t)) if len(piece) > 1 else _MEAN_TIME
     loads = piece.channels[channel][:, wheel]
     size = max(1, round(_MEAN_TIME / period))
     padded = np.pad(loads, (size // 2, (size - 1) // 2), mode="edge")

@@ -161,13 +161,13 @@ class DrivenRobots(Report, ABC):
         start, stop = self.span
         if stop - start <= self.longest_shown:
             return start, stop
-        longest = max(self.drawn[0].pieces, key=lambda piece: float(piece.t[-1] - piece.t[0]))
+        longest = max(self.drawn[0].pieces, key=lambda piece: piece.t[-1] - piece.t[0])
         t = longest.t
         steps = np.diff(longest.pose, axis=0, prepend=longest.pose[:1])
         way = np.cumsum(np.abs(steps).sum(axis=1))
         begins = np.arange(t[0], max(t[-1] - _STRETCH, t[0] + 0.5), 1.0)
         ways = np.interp(begins + _STRETCH, t, way) - np.interp(begins, t, way)
-        begin = min(float(begins[np.argmax(ways)]), stop - _STRETCH)
+        begin = min(begins[np.argmax(ways)], stop - _STRETCH)
         return begin, begin + _STRETCH
 
     @cached_property

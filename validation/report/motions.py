@@ -429,7 +429,7 @@ def indistinguishable_pairs(scores: ScoresByPlant, gyro_first: bool = False) -> 
         for a, b in pairs:
             times = EVERY_S * np.arange(len(errors[a]))
             chances.append(chance_of_difference(errors[a], errors[b], times, block))
-        medians = {name: float(np.median(values)) for name, values in errors.items()}
+        medians = {name: np.median(values) for name, values in errors.items()}
         for pair, chance in zip(pairs, correct_by_holm(chances).tolist(), strict=True):
             if chance < SIGNIFICANCE:
                 better.append(sorted(pair, key=medians.__getitem__))

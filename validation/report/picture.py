@@ -80,8 +80,8 @@ def _fit_paper(figure: Figure) -> None:
     for text in figure.findobj(Text):
         text.set_fontsize(PAPER_SHARE * float(text.get_fontsize()))
     for line in figure.findobj(Line2D):
-        line.set_linewidth(PAPER_SHARE * float(line.get_linewidth()))
-        line.set_markersize(PAPER_SHARE * float(line.get_markersize()))
+        line.set_linewidth(PAPER_SHARE * line.get_linewidth())
+        line.set_markersize(PAPER_SHARE * line.get_markersize())
     for part in figure.subfigs:
         # what is empty would stay as a strip
         part.set_visible(bool(part.axes or part.legends))

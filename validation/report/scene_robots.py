@@ -79,7 +79,7 @@ class _Looks:
 
         Distances around the robot grow by it.
         """
-        return float((self.size[:2] / _HUSKY_SIZE).max())
+        return (self.size[:2] / _HUSKY_SIZE).max()
 
 
 looks_of = lru_cache(maxsize=8)(_Looks)
@@ -140,7 +140,7 @@ class Track:
 
         These are the first in every 20 ms or more, and the last.
         """
-        period = max(POSE_PERIOD, sum(float(p.t[-1] - p.t[0]) for p in self.pieces) / MOST_POSES)
+        period = max(POSE_PERIOD, sum(p.t[-1] - p.t[0] for p in self.pieces) / MOST_POSES)
         shown = []
         for piece in self.pieces:
             # 1e-6: a stamp on the border of two slots belongs to the later one
@@ -221,6 +221,6 @@ class Extent:
         length = np.hypot(*way)
         self.middle = 0.5 * (low + high)
         self.along = way / length if length > 1e-6 else np.array([1.0, 0.0])
-        self.reach = float((high - low).max())
+        self.reach = (high - low).max()
         self.scale = looks_of(first.robot).scale
         self.distance = max(3.0 * self.scale, 0.9 * self.reach)

@@ -253,7 +253,7 @@ class Tracked(DrivenRobots):
         width, height = np.ptp(places, axis=0) + 0.3
         rows = [PanelRow(3.6, [paths, *speeds], (0.3, 0.35, 0.35))]
         if width > _WIDE * height:
-            tall = float(np.clip(12.0 * height / width + 0.75, 1.5, 2.25))
+            tall = np.clip(12.0 * height / width + 0.75, 1.5, 2.25)
             rows = [PanelRow(tall, [paths]), PanelRow(2.0, speeds)]
         return draw_page(
             shorten_text(heading, 100),
@@ -267,7 +267,7 @@ class Tracked(DrivenRobots):
     def _error_units(self) -> dict[str, Unit]:
         """Return the units of the errors to the moving target, by column."""
         reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in self.robots if len(r.run.t)]
-        length = length_unit([float(max(reach, default=0.0))])
+        length = length_unit([max(reach, default=0.0)])
         return dict(zip(_ERRORS, (length, length, DEGREES), strict=True))
 
     def _draw_error(self, name: str, unit: Unit, ax: Axes) -> None:
@@ -342,7 +342,7 @@ def _striking_sentences(r: Followed) -> list[str]:
             "that of the reference, by root mean square."
         )
     far = np.abs(r.run.column("e_rho")) > ALPHA_SWITCH
-    beyond = float(np.mean(far)) if len(far) else 0.0
+    beyond = np.mean(far) if len(far) else 0.0
     if beyond > 0.0:
         notes.append(
             f"{r.plant}: the target was farther than {ALPHA_SWITCH:g} m "
@@ -360,8 +360,8 @@ def _worst_place(run: ClosedRun, target: Trajectory) -> str:
         return ""
     places = run.columns("x", "y")
     distances, nearest = KDTree(target.xy).query(places)
-    k = int(np.argmax(distances))
-    along = float(np.sum(step_lengths(target.xy[: int(nearest[k]) + 1])))
+    k = np.argmax(distances)
+    along = np.sum(step_lengths(target.xy[: nearest[k] + 1]))
     x, y = places[k]
     return (
         f"farthest from its path, {1e3 * distances[k]:.0f} mm, at t = {run.t[k]:.1f} s, "

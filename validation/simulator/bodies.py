@@ -91,7 +91,7 @@ class MujocoBodies:
     @property
     def gave_up(self) -> NDArray[np.bool_]:
         """(S,) robots that the simulator warned of: it stops, and resets diverged ones."""
-        return np.asarray(self._batch.warning[:, :, 1].any(axis=1))
+        return self._batch.warning[:, :, 1].any(axis=1)
 
     def states(self) -> FloatArray:
         """Return (S, 10) fields of `ssmr.types.Motion`; yaw goes on from the last reading."""

@@ -105,7 +105,7 @@ class Calibration(WheeledBody):
     @property
     def radii(self) -> FloatArray:
         """(4,) effective rolling radii of the wheels [m]."""
-        return np.asarray(self.wheel_radius + 0.5 * LEFT * self.radius_difference)
+        return self.wheel_radius + 0.5 * LEFT * self.radius_difference
 
     @property
     def base_height(self) -> float:
@@ -119,7 +119,7 @@ class Calibration(WheeledBody):
         share = 1.0 - len(WHEELS) * self.robot.wheel_mass / self.mass
         x = share * self.com_x / (0.5 * self.robot.wheelbase)
         y = share * self.com_y / self.half_track
-        return np.asarray(0.25 * (1.0 + x * FRONT + y * LEFT))
+        return 0.25 * (1.0 + x * FRONT + y * LEFT)
 
     @property
     def base_inertia(self) -> FloatArray:

@@ -43,7 +43,7 @@ def resting_shares(wheelbase: float, track: float, x: float, y: float) -> FloatA
     """
     ahead = x * FRONT / (0.5 * wheelbase)
     aside = y * LEFT / (0.5 * track)
-    return np.asarray(0.25 * (1.0 + ahead + aside))
+    return 0.25 * (1.0 + ahead + aside)
 
 
 def load_shares(robot: Robot) -> FloatArray:

@@ -129,7 +129,7 @@ def apparent_mass(model: mujoco.MjModel) -> float:
     data = mujoco.MjData(model)
     base = model.body("base").id
     mujoco.mj_step(model, data, nstep=round(_SETTLE_TIME / model.opt.timestep))
-    thrust = _PUSH_SHARE * float(model.body_subtreemass[base]) * GRAVITY
+    thrust = _PUSH_SHARE * model.body_subtreemass[base] * GRAVITY
     data.xfrc_applied[base, 0] = thrust
     half = round(0.5 * _PUSH_TIME / model.opt.timestep)
     mujoco.mj_step(model, data, nstep=half)
@@ -155,11 +155,11 @@ def run_health(
         at_limit: sentence on motors that stayed at their limit, if they did.
     """
     verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions]
-    weight = float(model.body_subtreemass[model.body("base").id]) * GRAVITY
+    weight = model.body_subtreemass[model.body("base").id] * GRAVITY
     sums = []
     for m in motions:
         t = m.t - m.t[0]
-        late = t >= min(START_TIME, 0.5 * float(t[-1]))
+        late = t >= min(START_TIME, 0.5 * t[-1])
         sums.append(m.channels["wheel_load_N"].sum(axis=1)[late])
     excess = np.concatenate(sums) - weight
     health = {

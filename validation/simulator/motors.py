@@ -176,7 +176,7 @@ def _set_integral_part(
     `light` is the inertia of the side's wheels and rotors [kg m2], `time` that in which a slip
     settles [s].
     """
-    dt = float(model.opt.timestep)
+    dt = model.opt.timestep
     stiffness = share * drive.integral_gain
     index = model.actuator(f"{motor}_integral").id
     model.actuator_gainprm[index, 0] = stiffness

@@ -113,7 +113,7 @@ def rolled_out(
     bad = np.flatnonzero((after[:, 0] <= before[:, 0]) | ~np.isfinite(after).all(axis=1))
     if len(bad):
         end = int(bad[0])
-        t = (first + end) * float(model.opt.timestep)
+        t = (first + end) * model.opt.timestep
         raise DivergedError(
             f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=before[: end + 1]
         )

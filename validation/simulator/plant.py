@@ -91,7 +91,7 @@ class MujocoPlant(BodyPlant):
         self.settings = settings
         model = self.model = robot_model(calibration, terrain, settings, drive)
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
-        self.dt = float(model.opt.timestep)
+        self.dt = model.opt.timestep
         self.calibration = calibration
         self.drive = drive
         self.parts = robot_parts(model)
@@ -113,7 +113,7 @@ class MujocoPlant(BodyPlant):
         mujoco.mj_fullM(model, data, mass_matrix)
         base = self.parts.base
         offset = data.subtree_com[base][:2] - data.xpos[base][:2]
-        return float(mass_matrix[5, 5] - model.body_subtreemass[base] * offset @ offset)
+        return mass_matrix[5, 5] - model.body_subtreemass[base] * offset @ offset
 
     @cached_property
     def _prescribed(self) -> mujoco.MjModel:
@@ -133,7 +133,7 @@ class MujocoPlant(BodyPlant):
         rest = np.array(data.qpos)
         rest[:2] = 0.0
         rest[7:] = 0.0
-        turn_back = yaw_to_quat_wxyz(-float(quat_wxyz_to_yaw(rest[3:7])))
+        turn_back = yaw_to_quat_wxyz(-quat_wxyz_to_yaw(rest[3:7]))
         mujoco.mju_mulQuat(rest[3:7], turn_back, data.qpos[3:7])
         return rest
 
@@ -286,7 +286,7 @@ class MujocoPlant(BodyPlant):
             DivergedError: the simulator gave up; with the time and, as far as the chunk reaches
                 back, the states until then.
         """
-        dt = float(model.opt.timestep)
+        dt = model.opt.timestep
         yaw_rate = 1 + model.nq + 5
         data = mujoco.MjData(model)
         state = start

@@ -82,15 +82,15 @@ def _guess_rest(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatA
     heights = rolling - 0.5 * depths
     half_base = 0.5 * calibration.robot.wheelbase
     half_track = calibration.half_track
-    pitch = -float(FRONT @ heights) / (4.0 * half_base)
-    roll = float(LEFT @ heights) / (4.0 * half_track)
+    pitch = -(FRONT @ heights) / (4.0 * half_base)
+    roll = (LEFT @ heights) / (4.0 * half_track)
     start = np.array(model.qpos0)
-    start[2] = float(heights.mean()) - calibration.robot.axle_height
+    start[2] = heights.mean() - calibration.robot.axle_height
     turn = np.zeros(model.nv)
     turn[3:5] = roll, pitch
     mujoco.mj_integratePos(model, start, turn, 1.0)
     levers = np.array([1.0, 1.0 / half_track, 1.0 / half_base])
-    return start, 0.5 * float(depths.mean()) * levers
+    return start, 0.5 * depths.mean() * levers
 
 
 def _search_rest(
@@ -112,14 +112,14 @@ def _search_rest(
 
     for _ in range(_STEPS):
         residual = pull(0.0)
-        size = float(np.abs(residual).max())
+        size = np.abs(residual).max()
         if size > _SLOW * last or last == np.inf:
             for k, probe in enumerate(np.diag(_PROBE * reach)):
                 jacobian[:, k] = (pull(probe) - residual) / (_PROBE * reach[k])
         last = size
         # a Newton step, shortened so that no tyre moves by more than half its depth
         change = np.linalg.solve(jacobian, -residual)
-        far = float(np.max(np.abs(change) / reach))
+        far = np.max(np.abs(change) / reach)
         if not far < np.inf:
             return None
         move[_DOFS] = change / max(1.0, far)

@@ -84,7 +84,7 @@ def measure_spin(motion: Trajectory, calibration: Calibration) -> dict[str, floa
     turned = yaw - yaw[0]
     whole = math.floor(float(turned[-1]) / (2.0 * math.pi) + 1e-9)
     if whole >= 1:
-        end = int(np.argmax(turned >= 2.0 * math.pi * whole))
+        end = np.argmax(turned >= 2.0 * math.pi * whole)
         span = slice(0, max(end, 1))
         rims = radius * wheels[span].mean()
         yaw_rate = rate[span].mean()

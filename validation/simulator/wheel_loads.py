@@ -33,14 +33,14 @@ def _load_model(plant: MujocoPlant) -> LoadModel:
     com = data.subtree_com[root]
     front = model.body("front_left").pos
     right = model.body("rear_right").pos
-    spin = sum(float(model.body(wheel).inertia[1]) for wheel in WHEELS)
+    spin = sum(model.body(wheel).inertia[1] for wheel in WHEELS)
     return LoadModel(
-        mass=float(model.body_subtreemass[root]),
-        com_x=float(com[0]),
-        com_y=float(com[1]),
-        com_height=float(com[2]),
-        wheelbase=float(front[0] - right[0]),
-        track=float(front[1] - right[1]),
+        mass=model.body_subtreemass[root],
+        com_x=com[0],
+        com_y=com[1],
+        com_height=com[2],
+        wheelbase=front[0] - right[0],
+        track=front[1] - right[1],
         spin_inertia=spin,
     )
 

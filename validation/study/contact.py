@@ -264,10 +264,10 @@ def rolling_radius(plant: Plant, speed: float = STRAIGHT_SPEED) -> tuple[float, 
     tail = motion.t >= _STRAIGHT_LEAD
     along = np.array([math.cos(_STRAIGHT_YAW), math.sin(_STRAIGHT_YAW)])
     way = motion.xy[-1] - motion.xy[tail][0]
-    seconds = float(motion.t[-1] - motion.t[tail][0])
-    ahead = float(along @ way)
-    aside = float(along[0] * way[1] - along[1] * way[0])
-    turned = float(motion.wheels[tail].mean()) * seconds
+    seconds = motion.t[-1] - motion.t[tail][0]
+    ahead = along @ way
+    aside = along[0] * way[1] - along[1] * way[0]
+    turned = motion.wheels[tail].mean() * seconds
     if not (ahead > 0.0 and turned > 0.0):
         raise DivergedError("a drive straight ahead went nowhere")
     return ahead / turned, aside / ahead
@@ -288,7 +288,7 @@ def creep_speed(plant: MujocoPlant) -> float:
         gravity[:] = level
     tail = motion.t >= _SLOPE_LEAD
     way = motion.xy[-1] - motion.xy[tail][0]
-    return float(np.hypot(*way) / (motion.t[-1] - motion.t[tail][0]))
+    return np.hypot(*way) / (motion.t[-1] - motion.t[tail][0])
 
 
 def surge_share(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
@@ -298,7 +298,7 @@ def surge_share(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
     """
     rim = STRAIGHT_SPEED * wheel_radius / drive.command_radius
     speeds = motion.twist[motion.t >= _SURGE_LEAD, 0]
-    return float(speeds.max()) / rim - 1.0
+    return speeds.max() / rim - 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,7 +397,7 @@ def make_trials(lab: Profile, settings: Mapping[str, Setting]) -> dict[str, Tria
 
 def _end_distance(one: FloatArray, other: FloatArray) -> float:
     """Return the distance of the ends of two (M, 2) paths [m]."""
-    return float(np.hypot(*(one[-1] - other[-1])))
+    return np.hypot(*(one[-1] - other[-1]))
 
 
 CONTACT_DRIVES = {

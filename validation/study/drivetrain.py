@@ -300,7 +300,7 @@ def _write_sentences(o: DriveTrainStudy, chassis: PlantProfile, kind: str | None
 
 def _draw_rates(driver: DriverFit, ax: Axes) -> None:
     t, logged, predicted = driver.shown
-    begin = float(t[np.abs(logged).any(axis=0)][0])
+    begin = t[np.abs(logged).any(axis=0)][0]
     inside = (t >= begin) & (t < begin + _SHOWN)
     look: Document = {"color": "0.55", "linewidth": 3.5, "alpha": 0.6}
     ax.plot(t[inside], logged[:, inside].T, gid="logged", label=["as logged", "_"], **look)

@@ -218,13 +218,13 @@ def rank_correlation(costs: FloatArray, others: FloatArray) -> float:
 
     NaN where one of them has all controllers in one place.
     """
-    return float(kendalltau(rank_places(costs), rank_places(others)).statistic)
+    return kendalltau(rank_places(costs), rank_places(others)).statistic
 
 
 def chosen_column(costs: FloatArray, truth: FloatArray) -> int:
     """Column of the controller in the first place; of several there, the worst in truth."""
     first = np.flatnonzero(rank_places(costs) == 0)
-    return int(first[np.argmax(rank_places(truth)[first])])
+    return first[np.argmax(rank_places(truth)[first])]
 
 
 def regret_of_choice(costs: FloatArray, truth: FloatArray) -> float:
@@ -242,7 +242,7 @@ def regret_of_choice(costs: FloatArray, truth: FloatArray) -> float:
     means = mean_costs(truth)
     if not means[best] > 0.0:
         return 0.0
-    return float(means[chosen] / means[best] - 1.0)
+    return means[chosen] / means[best] - 1.0
 
 
 def _resampled_intervals(
@@ -280,12 +280,12 @@ def cost_agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> Docum
         same += chosen_column(row, true) == chosen_column(true, true)
     return {
         "tau": rank_correlation(costs, truth),
-        "tau_low": float(low[0]),
-        "tau_high": float(high[0]),
+        "tau_low": low[0],
+        "tau_high": high[0],
         "chosen": chosen_column(costs, truth),
         "regret": regret_of_choice(costs, truth),
-        "regret_low": float(low[1]),
-        "regret_high": float(high[1]),
+        "regret_low": low[1],
+        "regret_high": high[1],
         "same_winner": same,
     }
 
@@ -317,10 +317,10 @@ def _list_findings(
         for k, name in enumerate(names):
             scores = [drive["scores"][plant][name] for drive in drives]
             each[name] = {
-                **{measure: float(values[k]) for measure, values in means.items()},
-                "metres_low": float(low[k]),
-                "metres_high": float(high[k]),
-                "gap": float(gaps[k]),
+                **{measure: values[k] for measure, values in means.items()},
+                "metres_low": low[k],
+                "metres_high": high[k],
+                "gap": gaps[k],
                 "place": int(ranked[k]),
                 "lost": sum(score["lost"] for score in scores),
                 "by_reference": scores,

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import tyro
 
@@ -126,7 +126,7 @@ def _fit_label(f: Fitted) -> str:
     return f"{f.model} driven by {_DRIVEN[f.options['input']]}"
 
 
-def _as_dict(f: Fitted) -> dict[str, Any]:
+def _as_dict(f: Fitted) -> Document:
     """Return a fit as calibrate.json holds it."""
     numbers = {
         p.name: {"value": p.value, "unit": p.unit, "standard_error": p.standard_error}
@@ -204,7 +204,7 @@ class Calibrated(Report):
     it."""
     judged_on: str
     """What judged the fits, in words."""
-    days: Sequence[Mapping[str, Any]]
+    days: Sequence[Document]
     """What each of several logs tells alone of the tyres, see `verdict.tyre_row`."""
 
     @property
@@ -274,9 +274,9 @@ class Calibrated(Report):
         notes += said_once({_fit_label(f): f.notes()[not f.better :] for f in self.fits})
         return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the document of calibrate.json without its tables."""
-        plants: dict[str, dict[str, Any]] = {}
+        plants: dict[str, Document] = {}
         for f in self.fits:
             entry = _as_dict(f)
             # a plant's second fit is that of its driver
@@ -382,7 +382,7 @@ def calibrate(o: Calibrate) -> Calibrated:
     )
 
 
-def _watch_tyres(logs: Sequence[Source], profile: Profile) -> list[dict[str, Any]]:
+def _watch_tyres(logs: Sequence[Source], profile: Profile) -> list[Document]:
     """Return what each of several logs tells alone of the tyres, by the kinematic plant."""
     rows = []
     for log in logs if len(logs) > 1 else ():

@@ -15,7 +15,7 @@ import inspect
 import math
 import shlex
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -41,7 +41,7 @@ from validation.files.names import as_option
 from validation.files.offsets import Offset, synchronised, why_without_stamps
 from validation.files.reading import FileError, exists, read_file
 from validation.files.sensors import Signals
-from validation.output import file_name, make_folder, write_json
+from validation.output import Document, file_name, make_folder, write_json
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
@@ -178,7 +178,7 @@ class LogReport(Report):
             uses += "; correct the faults first"
         return [*notes, uses]
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return the findings as the JSON file has them."""
         return _log_document(self.inspected)
 
@@ -227,7 +227,7 @@ class Conversion(LogReport):
             )
         return notes
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """Return nothing: a conversion has no JSON file."""
         return {}
 
@@ -251,7 +251,7 @@ def info(o: Info) -> LogReport:
     return LogReport(title=inspected.log.path.name, asked=o, inspected=inspected)
 
 
-def _log_document(found: Inspected) -> dict[str, Any]:
+def _log_document(found: Inspected) -> Document:
     """Findings as the JSON file has them."""
     log = found.log
     offsets = found.offsets
@@ -441,7 +441,7 @@ _SIZES = {
 """Columns of the table of parts, by their keys."""
 
 
-def _parts_table(parts: Sequence[Mapping[str, Any]]) -> Table:
+def _parts_table(parts: Sequence[Document]) -> Table:
     rows = []
     for part in parts:
         row = {"from_s": part["from_s"], "to_s": part["to_s"]}
@@ -458,9 +458,7 @@ def _parts_table(parts: Sequence[Mapping[str, Any]]) -> Table:
     return Table("Part by part", rows, caption, units=units)
 
 
-def _draw_parts(
-    title: str, parts: Sequence[Mapping[str, Any]], faults: Sequence[LogFault]
-) -> Figure:
+def _draw_parts(title: str, parts: Sequence[Document], faults: Sequence[LogFault]) -> Figure:
     """Draw what each part tells over time: radii, half-track, delay and residuals."""
     from validation.report import drawing
 
@@ -490,7 +488,7 @@ def _draw_parts(
     return drawing.draw_page(title, rows, notes=[fault.sentence for fault in faults])
 
 
-def _sampling_row(t: FloatArray) -> Mapping[str, Any]:
+def _sampling_row(t: FloatArray) -> Document:
     period = np.median(np.diff(t)) if len(t) > 1 else 0.0
     rate = 1.0 / period if period > 0.0 else math.nan
     start, stop = (float(t[0]), float(t[-1])) if len(t) and t[-1] > t[0] else (math.nan, math.nan)

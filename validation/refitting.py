@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from validation import cli
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify.beginning import FIRST_FITTED
 from validation.identify.targets import Input
+from validation.output import Document
 from validation.plants.searchable import OF_A_LOG, find_number, make_space
 from validation.plants.table import plant_kind
 
@@ -35,13 +35,13 @@ def settings_of(
     plan: tuple[str, Input],
     k: int,
     done: Sequence[Fitted],
-) -> dict[str, Any]:
+) -> Document:
     """Return the settings of the fit of a plant by an input to the k-th fold.
 
     `known` has the fits of all folds by plant and input, and `done` those of this plan.
     """
     plant, kind = plan
-    settings: dict[str, Any] = {}
+    settings: Document = {}
     if (plant, "wheels") in known:
         body = known[plant, "wheels"][k]
         track = body.base.robot.track
@@ -66,7 +66,7 @@ def settings_of(
 
 def settings_to_go_on(
     f: Fitted, plant: str, bounds: Mapping[str, tuple[float, float]], without: str = ""
-) -> dict[str, Any]:
+) -> Document:
     """Return settings of a fit that begins with what another has found, as far as `bounds` allow.
 
     It frees the same numbers but one that it does `without`; those of single logs have their mean.

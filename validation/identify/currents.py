@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from validation.identify.motor_logs import (
     sensor_of,
     steady_samples,
 )
+from validation.output import Document
 from validation.plants.kind import PlantProfile
 
 COULOMB_SCALE = 1e-4
@@ -154,9 +155,9 @@ class CurrentFit(NamedTuple):
 
     sensor: Sensor  # what the log shows of its sensor
     found: Estimate  # the rule's numbers, from the whole log
-    best: Mapping[str, Any]  # the row of the rule
+    best: Document  # the row of the rule
     # rows: share of the variance of the currents that each rule explains
-    scores: list[Mapping[str, Any]]
+    scores: list[Document]
     shown: Sequence[tuple[FloatArray, FloatArray]]
     """Measured and predicted currents [A], of what was fitted and of what was held out."""
     sign: Sign  # that of the log
@@ -190,7 +191,7 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: PlantProf
         "held_out": judged,
         "samples": rows if sensor.kind == "windows" else judged,
     }
-    tried = list[tuple[FitNumbers, dict[str, Any]]]()
+    tried = list[tuple[FitNumbers, Document]]()
     for rule, (kind, _, _) in _READING_RULES.items():
         if _is_able(rule, sensor, log.unit):
             own = values_of(_fit_rule(rule, fitted, sensor, vehicle))

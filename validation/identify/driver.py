@@ -17,9 +17,9 @@ their own, and how far it lies from that of the others counts as uncertainty.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -31,6 +31,7 @@ from ssmr.types import Commands, FloatArray, State
 from validation.files.signals import refreshed
 from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks, values_of
 from validation.identify.motor_logs import DriveLog, require_currents
+from validation.output import Document
 from validation.plants.kind import PlantProfile
 
 LEAST_COMMANDS = 8
@@ -107,7 +108,7 @@ def held_commands(log: DriveLog) -> list[slice]:
     return held
 
 
-def rate_evidence(log: DriveLog) -> dict[str, Any]:
+def rate_evidence(log: DriveLog) -> Document:
     """Return what a log says on whether its wheel rates were measured, as a row of a table.
 
     Set points never change under a command that is held (`scatter_rad_s`, the median standard
@@ -231,7 +232,7 @@ class DriverFit(NamedTuple):
 
     whole: CommandLog  # the log that it was fitted to
     found: Estimate  # numbers of the driver, from all of the log
-    scores: list[dict[str, Any]]
+    scores: list[Document]
     """Rows: errors on each part; on the log's own last third, where it is held out, of a driver
     fitted to the rest."""
     rms: float  # root mean square error on all that was held out [rad/s]
@@ -271,7 +272,7 @@ def fit_driver(
 # ---------------------------------------------------------------------- inertia
 
 
-def fit_inertia(driver: DriverFit, rho: float) -> tuple[FloatArray, Mapping[str, Any]] | None:
+def fit_inertia(driver: DriverFit, rho: float) -> tuple[FloatArray, Document] | None:
     """Return J / K from the driver's log, wheels in the air, and what it was found from.
 
     The currents are taken for the motors'. How fast the wheels change speed is what the driver

@@ -14,7 +14,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, pairwise
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from validation.experiment.sources import Source, Span, source_of
 from validation.files.inspection import Inspected
 from validation.identify.objective import FitCost
 from validation.identify.targets import source_outside, split_ground
-from validation.output import one_line
+from validation.output import Document, one_line
 from validation.report.columns import Unit
 from validation.report.table import Table
 
@@ -194,7 +193,7 @@ def tyre_row(
     numbers: Mapping[str, float],
     error_of: Callable[[Mapping[str, float]], float],
     radius: float,
-) -> dict[str, Any]:
+) -> Document:
     """Return rolling radii of both sides, their ratio and the distance of the sides' centres.
 
     Args:
@@ -216,7 +215,7 @@ def tyre_row(
     return {"log": log, **dict(zip(_CHANGES, values, strict=True)), "standard_errors": errors}
 
 
-def change_sentences(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def change_sentences(rows: Sequence[Document]) -> list[str]:
     """Return a sentence for each number of a log that differs from the first log's beyond chance.
 
     Chances are corrected for the number of comparisons.
@@ -238,7 +237,7 @@ def change_sentences(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return [said for said, p in zip(sentences, adjusted, strict=True) if p < SIGNIFICANCE]
 
 
-def tyre_tables(rows: Sequence[Mapping[str, Any]]) -> list[Table]:
+def tyre_tables(rows: Sequence[Document]) -> list[Table]:
     """Return a table of what logs tell of the tyres, if there are any."""
     shown = []
     for row in rows:

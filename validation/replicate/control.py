@@ -16,7 +16,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,6 +26,7 @@ from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.types import Trajectory
 from validation.experiment.gains import GainSet, load_gains
 from validation.experiment.tracked import find_saturated
+from validation.output import Document
 from validation.replicate import published
 from validation.replicate.chapters import (
     Findings,
@@ -118,7 +118,7 @@ def _tune_gains(controller: str, task: Task) -> Findings:
     return Findings({number: _gain_rows(number, searches, best)}, words)
 
 
-def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping[str, Any]) -> Rows:
+def _gain_rows(number: str, searches: Sequence[Document], best: Document) -> Rows:
     """The thesis' gains beside those of the best search, as tune.json has them, and its cost."""
     rows = {}
     for row, printed in published.printed_table(number)["rows"].items():
@@ -347,7 +347,7 @@ def _find_saturation(task: Task) -> Findings:
     cases = list(product(("improved", "mujoco"), _SATURATED, (0.25, _FAST)))
     variants = {f"{case}, {k}": (*case, k) for case in cases for k in range(task.draws)}
     found = [row["percent"] for row in swept_rows(variants, _measure_saturation, task)]
-    rows: dict[str, dict[str, Pair]] = {}
+    rows = {}
     for (plant, law, speed), shares in zip(cases, np.reshape(found, (len(cases), -1)), strict=True):
         rule: Rule = "words" if speed == _FAST else "none"
         pair = Pair(None, np.mean(shares), rule, "%", standard_deviation(shares))

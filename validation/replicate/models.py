@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import FloatArray, State
 from validation.fit import fit
+from validation.output import Document
 from validation.plants.profile import load_profile, make_plant
 from validation.plants.table import plant_kind
 from validation.replicate import published
 from validation.replicate.chapters import Findings, Section, Task, finished_results, unit_of_metric
-from validation.replicate.verdicts import FACTOR, RULE_OF, UNCONVERGED, Pair, Rule
+from validation.replicate.verdicts import FACTOR, RULE_OF, UNCONVERGED, Pair, Rows, Rule
 
 _PROFILE = "thesis-lab"
 _FITS: Mapping[str, tuple[str, str]] = {
@@ -76,37 +76,33 @@ def _fit_model(model: str, task: Task) -> Findings:
         **{name: found[name] for name in ("evaluations", "generations", "cost", "seed")},
     }
     tables = {
-        parameters: _parameter_rows(parameters, model, found),
-        distances: _distance_rows(distances, found),
+        parameters: _parameter_rows(parameters, model, found, obstacle),
+        distances: _distance_rows(distances, found, obstacle),
     }
-    if obstacle:
-        for rows in tables.values():
-            for row in rows.values():
-                row |= {name: replace(pair, obstacle=obstacle) for name, pair in row.items()}
     return Findings(tables, words)
 
 
-def _parameter_rows(
-    number: str, model: str, fitted: Mapping[str, Any]
-) -> dict[str, dict[str, Pair]]:
+def _parameter_rows(number: str, model: str, fitted: Document, obstacle: str) -> Rows:
     """Return the thesis' parameters beside those of fit.json."""
     limit = load_profile(_PROFILE).plants[model].drive.torque_limit
     rows = {}
     for row, printed in published.printed_table(number)["rows"].items():
-        value = float(printed["value"])
-        unit = printed["unit"]
-        pair = Pair(value, limit, "spread", unit, obstacle="taken from the thesis, not searched")
+        pair = Pair(
+            float(printed["value"]),
+            limit,
+            "spread",
+            printed["unit"],
+            obstacle=obstacle or "taken from the thesis, not searched",
+        )
         if "ours" in printed:
             p = fitted["parameters"][printed["ours"]]
-            error = p["standard_error"]
-            pair = Pair(
-                value,
-                p["value"],
-                "spread",
-                unit,
-                error,
-                obstacle="no standard error could be estimated" if error is None else "",
-                bounds=(float(p["lower"]), float(p["upper"])),
+            unknown = "no standard error could be estimated" if p["standard_error"] is None else ""
+            pair = replace(
+                pair,
+                ours=p["value"],
+                spread=p["standard_error"],
+                obstacle=obstacle or unknown,
+                bounds=(p["lower"], p["upper"]),
                 scale=p["scale"],
                 printed_bounds=printed.get("search", ()),
             )
@@ -114,16 +110,18 @@ def _parameter_rows(
     return rows
 
 
-def _distance_rows(number: str, fitted: Mapping[str, Any]) -> dict[str, dict[str, Pair]]:
+def _distance_rows(number: str, fitted: Document, obstacle: str) -> Rows:
     """Distances of the fitted model from the robot, our MuJoCo Husky, on trajectories 1-4."""
     scores = {**fitted["held_out"], "traj4": fitted["train"]}
     by_trajectory = {name.partition("@")[0]: metrics for name, metrics in scores.items()}
-    rows: dict[str, dict[str, Pair]] = {}
+    rows = {}
     for row, printed in published.printed_table(number)["rows"].items():
-        rows[row] = {}
+        pairs = {}
         for metric, rule in RULE_OF.items():
             ours = by_trajectory[row][metric]
-            rows[row][metric] = Pair(printed.get(metric), ours, rule, unit_of_metric(metric))
+            unit = unit_of_metric(metric)
+            pairs[metric] = Pair(printed.get(metric), ours, rule, unit, obstacle=obstacle)
+        rows[row] = pairs
     return rows
 
 
@@ -131,7 +129,7 @@ def _count_alternations(task: Task) -> Findings:
     """Find how often yaw accelerations alternate on trajectory 4 (Fig. 3.33)."""
     profile = load_profile(_PROFILE)
     commands = TRAJECTORIES["traj4"].commands()
-    rows: dict[str, dict[str, Pair]] = {}
+    rows = {}
     for name in _PLANTS:
         plant = make_plant(profile, name)
         motion = plant.run(commands, State(), plant.dt)

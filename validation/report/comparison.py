@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ssmr.geometry import compose_poses, relative_pose, rotate_body_to_world
 from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.scores import HEADLINE_HORIZON
-from validation.output import shorten_text
+from validation.output import Document, shorten_text
 from validation.report.columns import DEGREES, length_unit
 from validation.report.drawing import (
     KEY,
@@ -208,7 +208,7 @@ class Comparison(Motions):
                 for true, error in zip(self.truth, errors, strict=True):
                     curves.append((true.t - begin, error, self.look_of(track)))
             title = f"{what} error [{unit.symbol}] at equal times"
-            axis: dict[str, Any] = {"xlabel": "time [s]", "xlim": (0.0, end - begin)}
+            axis: Document = {"xlabel": "time [s]", "xlim": (0.0, end - begin)}
             panels.append(partial(draw_curves, curves, 1e-3, title=title, **axis))
         return PanelRow(2.3, panels)
 

@@ -36,7 +36,9 @@ _EDGE_IN = 0.12
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[["Axes"], None]
 Ink = str | tuple[float, float, float]
-Curve = tuple[FloatArray, FloatArray, Mapping[str, Any]]
+Look = Mapping[str, Any]
+"""Properties of a line, a text or a legend, as matplotlib names them."""
+Curve = tuple[FloatArray, FloatArray, Look]
 """Abscissae and ordinates of a line, and how it looks; a NaN breaks it."""
 
 BROAD = 2.6
@@ -46,7 +48,7 @@ ALARM = "#b00020"
 DASHED: Dashes = (0.0, (4.0, 1.8))
 BESIDE_INK: Ink = "0.45"
 """Ink of the baseline of a result: the plant before a fit, or the gains before a tuning."""
-REFERENCE_LOOK: Mapping[str, Any] = {
+REFERENCE_LOOK: Look = {
     "color": "0.1",
     "linewidth": 1.0,
     "linestyle": (0.0, (5.0, 2.5)),
@@ -60,9 +62,9 @@ _LINE_IN = 0.185  # height of a line of words
 _WRAP = 160  # most characters in such a line
 _KEY_IN = 0.75  # width of an entry of a legend without its words
 _CHARACTER_IN = 0.077  # width of a character there
-_TITLE: Mapping[str, Any] = {"fontsize": 14.0, "fontweight": "bold"}
-_HEADING: Mapping[str, Any] = {"fontsize": 10.5, "fontweight": "bold"}
-KEY: Mapping[str, Any] = {
+_TITLE: Look = {"fontsize": 14.0, "fontweight": "bold"}
+_HEADING: Look = {"fontsize": 10.5, "fontweight": "bold"}
+KEY: Look = {
     "frameon": False,
     "fontsize": 9.0,
     "borderaxespad": 0.4,
@@ -169,7 +171,7 @@ def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
 # --- errors by horizon ---
 
 
-HorizonMarks = tuple[Mapping[float, OverlappingErrors], Mapping[str, Any]]
+HorizonMarks = tuple[Mapping[float, OverlappingErrors], Look]
 """Medians over windows that begin every second, with their intervals, by horizon [s], not empty;
 and how they look: `label`, `color` and `marker`."""
 

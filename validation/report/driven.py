@@ -16,12 +16,14 @@ import numpy as np
 
 from ssmr.parameters import require_one_of
 from ssmr.types import FloatArray, Trajectory
+from validation.output import Document
 from validation.plants.profile import Profile
 from validation.report.drawing import (
     BROAD,
     NARROW,
     Curve,
     Dashes,
+    Look,
     Panel,
     draw_curves,
     draw_paths,
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
 
 _STRETCH = 36.0
 """Length of the part of a long run over which velocities are shown [s]."""
-COMMAND_LOOK: Mapping[str, Any] = {
+COMMAND_LOOK: Look = {
     "color": "0.5",
     "linewidth": 1.0,
     "drawstyle": "steps-post",
@@ -76,7 +78,7 @@ class DrivenRobots(Report, ABC):
     """The report on robots of one profile that were driven beside a reference."""
 
     endings = ("png", "rrd")
-    reference_look: ClassVar[Mapping[str, Any]] = {"linewidth": BROAD, "zorder": 2.0}
+    reference_look: ClassVar[Look] = {"linewidth": BROAD, "zorder": 2.0}
     """How the reference's line differs from a robot's."""
     dashes: ClassVar[Mapping[str, Dashes]] = _DASHES
     """Dashes of the lines of plants; others are solid."""
@@ -171,7 +173,7 @@ class DrivenRobots(Report, ABC):
         return begin, begin + _STRETCH
 
     @cached_property
-    def time_axis(self) -> dict[str, Any]:
+    def time_axis(self) -> Document:
         """The axis of the span over which velocities are shown."""
         begin, end = self.span
         low, high = self.shown_span
@@ -182,7 +184,7 @@ class DrivenRobots(Report, ABC):
             label += f", part of {end - begin:.0f} s"
         return {"xlim": (low - begin, max(high - begin, 0.5)), "xlabel": label}
 
-    def look_of(self, track: Track) -> dict[str, Any]:
+    def look_of(self, track: Track) -> Document:
         """Return the properties of a motion's line."""
         look = {
             "color": ink_of(track.name),

@@ -39,7 +39,7 @@ except ImportError as missing:
 from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, yaw_to_quat_wxyz
 from ssmr.robot.ground import LEFT
 from ssmr.types import FloatArray
-from validation.output import each_line, one_line, write_atomic
+from validation.output import Document, each_line, one_line, write_atomic
 from validation.report.columns import Unit, length_unit
 from validation.report.palette import BLACK, WHITE, Rgb, mix_colours, plant_colour
 from validation.report.scene_robots import (
@@ -280,7 +280,7 @@ def _make_shapes(
     if track.name != "mujoco":
         shade = 0.4 + 0.6 * colours[:, :3].max(axis=1, keepdims=True)
         colours[:, :3] = shade * np.array(bright_colour(track.name)) / 255.0
-    look: dict[str, Any] = {
+    look: Document = {
         "colors": np.round(255.0 * colours).astype(np.uint8),
         "fill_mode": modes.Solid if opaque else modes.TransparentFillMajorWireframe,
         "quaternions": [quat_wxyz_to_xyzw(quat) for quat in quats],

@@ -388,7 +388,7 @@ def read_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     return robot
 
 
-def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
+def parse_robot(document: Document, folder: Path = Path()) -> Robot:
     """Return the robot that a document, the content of a TOML file, describes.
 
     Args:
@@ -451,7 +451,7 @@ def _mjcf_path(text: str, folder: Path) -> str:
     return path.name if path.parent == models_folder() else str(path)
 
 
-def _given_keys(document: Mapping[str, Any], robot: Robot) -> tuple[str, ...]:
+def _given_keys(document: Document, robot: Robot) -> tuple[str, ...]:
     """Return the numbers that a robot's file says, as `section.key`."""
     keys = []
     for section in SECTIONS:
@@ -540,7 +540,7 @@ def _value_kind(f: Field[Any]) -> Any:
     return Annotated[reading.TomlNumber, Meta(description=f"a number [{declared.unit}]")]
 
 
-def _read_section(section: Mapping[str, Any], name: str) -> Document:
+def _read_section(section: Document, name: str) -> Document:
     """Return the numbers of one section by field, each of the type that its field has."""
     kinds = {key: _value_kind(f) for key, f in SECTIONS[name].items()}
     values = reading.typed(section, kinds, name)
@@ -569,7 +569,7 @@ def _round_tiny(value: Any) -> Any:
     return round(value, 300)
 
 
-def _check_sources(section: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+def _check_sources(section: Document) -> tuple[tuple[str, str], ...]:
     """Return keys and texts of the sources, checked."""
     kinds = dict.fromkeys(SECTIONS, _SOURCE)
     for name, keys in SECTIONS.items():

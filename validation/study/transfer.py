@@ -346,12 +346,12 @@ def _drawn_means(costs: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
     return mean_costs(costs[rows])
 
 
-def _ranked_names(result: Mapping[str, Any]) -> list[str]:
+def _ranked_names(result: Document) -> list[str]:
     judged = result["plants"][JUDGE]["contenders"]
     return sorted(judged, key=lambda name: judged[name]["place"])
 
 
-def _make_tables(label: str, result: Mapping[str, Any]) -> list[Table]:
+def _make_tables(label: str, result: Document) -> list[Table]:
     plants = result["plants"]
     choices = [
         {
@@ -443,7 +443,7 @@ def study_transfer(o: TransferStudy) -> Study:
     )
 
 
-def _draw_panels(label: str, result: Mapping[str, Any]) -> list[drawing.PanelRow]:
+def _draw_panels(label: str, result: Document) -> list[drawing.PanelRow]:
     order = _ranked_names(result)
 
     def draw(ax: Axes) -> None:

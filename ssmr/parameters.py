@@ -29,6 +29,9 @@ from ssmr.errors import ParameterError
 Scale = Literal["linear", "log"]
 """Spacing of a search: `log` where only the order of magnitude is known."""
 
+Bounds = tuple[float, float]
+"""Least and greatest value of a search."""
+
 _KEY = "parameter"
 
 
@@ -48,7 +51,7 @@ class Declaration:
     """Greatest value allowed; infinity itself is allowed where `high` is infinite."""
     open_low: bool
     """Whether `low` itself is forbidden."""
-    search: tuple[float, float] | None
+    search: Bounds | None
     """Default bounds of a search; None if no search may move the number."""
     scale: Scale
     """Spacing of the search between its bounds."""
@@ -60,7 +63,7 @@ class Declaration:
         """Raise a ParameterError that calls a value `name` if it lies outside its range."""
         _require_in_bounds(name, value, self.low, self.high, self.open_low)
 
-    def bounds(self, sizes: Mapping[str, float]) -> tuple[float, float] | None:
+    def bounds(self, sizes: Mapping[str, float]) -> Bounds | None:
         """Return the default bounds of a search for a robot of these sizes, in the number's unit.
 
         None says that no search may move the number.
@@ -78,7 +81,7 @@ def parameter(
     low: float,
     high: float = math.inf,
     open_low: bool = False,
-    search: tuple[float, float] | None = None,
+    search: Bounds | None = None,
     scale: Scale = "linear",
     of: str | tuple[str, str] = "",
 ) -> Any:

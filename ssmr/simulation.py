@@ -8,7 +8,7 @@ v_y = -(x_ICR + k v) omega (Eq. 2.2, 2.10, 2.13); k is 0 but for `kinematic`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -32,7 +32,7 @@ from ssmr.robot.drive import (
     whole_steps,
 )
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.types import Commands, FloatArray, Motion, State, Trajectory
+from ssmr.types import ChannelColumns, Commands, FloatArray, Motion, State, Trajectory
 
 PLANAR_COLUMNS = 11
 """Numbers of a sample.
@@ -40,7 +40,9 @@ PLANAR_COLUMNS = 11
 They are x, y, yaw, v_x, v_y and yaw rate, the wheel rates left and right, the torques left and
 right, and the yaw acceleration.
 """
-_CHANNELS: Mapping[str, slice | int] = {
+_Moving = tuple[Motion, Sides]
+"""A motion, and the integral parts of the motors' torques [N m]."""
+_CHANNELS: ChannelColumns = {
     "torque_N_m": slice(8, 10),
     "yaw_acceleration_rad_s2": 10,
 }
@@ -56,7 +58,7 @@ SAMPLE_DT = 0.008
 @jit
 def move_robot(
     now: Motion, integral: Sides, wheels: Sides, disturbance: float, robot: PlanarRobot
-) -> tuple[Motion, Sides]:
+) -> _Moving:
     """Return the motion and the integral parts of the motors' torques [N m] after a step.
 
     The motors follow the wheel-rate references `wheels`; the disturbance is a yaw acceleration
@@ -108,9 +110,9 @@ def run_planar(
     disturbance: FloatArray,
     stride: int,
     robot: PlanarRobot,
-    start: tuple[Motion, Sides],
+    start: _Moving,
     out: FloatArray,
-) -> tuple[int, tuple[Motion, Sides]]:
+) -> tuple[int, _Moving]:
     """Advance a planar model over all references, writing every `stride`-th state.
 
     Args:
@@ -147,15 +149,13 @@ def run_planar(
     return -1, (now, integral)
 
 
-def _planar_start(state: Motion, robot: PlanarRobot) -> tuple[Motion, Sides]:
+def _planar_start(state: Motion, robot: PlanarRobot) -> _Moving:
     """Return the start of a planar robot in a state, see `start_of`."""
     return start_of(state, robot.vehicle, robot.x_icr, robot.drift, robot.ideal)
 
 
 @jit_alone
-def start_of(
-    state: Motion, body: Any, x_icr: float, drift: float, ideal: bool
-) -> tuple[Motion, Sides]:
+def start_of(state: Motion, body: Any, x_icr: float, drift: float, ideal: bool) -> _Moving:
     """Return the start in a state of a robot whose motors give no torque.
 
     v_y follows from v and omega, and so do the wheel rates, but for ideal wheels. Numbers of a law

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
+ChannelColumns = Mapping[str, slice | int]
+"""Columns of a table of numbers, by the channels that they hold."""
 CommandKind = Literal["twist", "wheels"]
 CURRENTS = "current_A"
 """Channel of a motion, where its log has it: (M, 2) of the left and right motors."""
@@ -219,9 +221,7 @@ class Trajectory:
         return Trajectory, (self.t, self.pose, self.twist, self.wheels, dict(self.channels))
 
     @classmethod
-    def of_table(
-        cls, period: float, table: FloatArray, channels: Mapping[str, slice | int]
-    ) -> Trajectory:
+    def of_table(cls, period: float, table: FloatArray, channels: ChannelColumns) -> Trajectory:
         """Return the motion of a run whose samples are the rows of a table.
 
         Args:

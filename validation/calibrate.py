@@ -11,7 +11,7 @@ if __name__ == "__main__":
     end_quietly()
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
@@ -50,7 +50,7 @@ from validation.report import drawing
 from validation.report.comparison import Comparison
 from validation.report.motions import interval_table
 from validation.report.page import calibration_page
-from validation.report.report import FINISHED, INTERRUPTED, Report
+from validation.report.report import FINISHED, INTERRUPTED, Report, Writers
 from validation.report.table import Table
 from validation.robots import export_robot
 
@@ -213,7 +213,7 @@ class Calibrated(Report):
         profile = self.fits[-1].profile
         return replace(profile, name=file_name(f"{profile.robot.name}-{self.asked.label}"))
 
-    def files(self) -> dict[str, Callable[[Path], object]]:
+    def files(self) -> Writers:
         """Return functions that write the two parameter files, the page and the picture."""
         drive = export_robot(self.profile.robot, "diff-drive", self.profile, self.drive_errors())
         return {

@@ -28,7 +28,7 @@ from validation import cli
 from validation.experiment.gyro import find_gyro_judge
 from validation.experiment.runs import Run, drive_all
 from validation.experiment.scores import (
-    Scores,
+    NamedScores,
     pace_of,
     score_windows,
 )
@@ -79,7 +79,7 @@ class Compare(cli.Filmed, ReadOptions):
     """Signal of the recording that drives the plants: its commands, or its measured wheel rates."""
     horizons: Sequence[float] | str = (2.0, 6.0, 30.0, 60.0)
     """Times after which the poses of plant and recording are compared [s]."""
-    since: Annotated[float | None, tyro.conf.arg(name="from")] = None
+    since: cli.Since = None
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
@@ -251,7 +251,7 @@ def _add_noise(runs: Mapping[str, Run], reference: str, seed: int) -> dict[str, 
     return seen
 
 
-def _name_unjudged(o: Compare, scores: Mapping[str, Scores], profile: Profile) -> list[str]:
+def _name_unjudged(o: Compare, scores: NamedScores, profile: Profile) -> list[str]:
     """Return a sentence on the plants whose predictions no log has judged yet."""
     plants = ", ".join(name for name, s in scores.items() if s.band is None)
     if not o.bands or not plants:

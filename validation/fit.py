@@ -29,6 +29,7 @@ from ssmr.types import FloatArray
 from validation import cli
 from validation.experiment.scores import (
     HEADLINE_HORIZON,
+    NamedScores,
     Scores,
     pace_of,
     standing_sentences,
@@ -92,6 +93,7 @@ from validation.plants.searchable import find_number, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.report import drawing
 from validation.report.motions import interval_table
+from validation.report.report import Writers
 from validation.report.table import Table
 from validation.simulator.description import with_robot
 
@@ -126,7 +128,7 @@ class Fit(Searching, ReadOptions):
     """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
     rates: Rates = "instant"
     """Wheel rates of a recording: instant, as of a JointState, or means since the stamp before."""
-    since: Annotated[float | None, tyro.conf.arg(name="from")] = None
+    since: cli.Since = None
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
@@ -208,15 +210,15 @@ class Fitted(SearchReport):
     """The plant with the fitted numbers."""
     sure: Uncertainty | None
     """How sure the numbers are; None where that was not estimated."""
-    train: Mapping[str, Scores]
+    train: NamedScores
     """Scores on each source that it was fitted to, by the source."""
     together: Scores
     """Scores on all of them."""
-    held_out: Mapping[str, Scores]
+    held_out: NamedScores
     """Scores on each source that the fit has not seen."""
-    unfitted: Mapping[str, Scores]
+    unfitted: NamedScores
     """Scores of the plant before the fit on the same sources."""
-    judged: Mapping[str, Scores]
+    judged: NamedScores
     """Scores `before` and `after` the fit on all of them together; empty where there is none."""
     objections: Sequence[str] | None = None
     """Sentences on why its numbers are not to be used, by whoever asked for the fit; None where
@@ -299,7 +301,7 @@ class Fitted(SearchReport):
             fitted_at=pace_of(truth, self.base.robot.wheel_radius),
         )
 
-    def files(self) -> dict[str, Callable[[Path], object]]:
+    def files(self) -> Writers:
         """Return functions that write its files: profile.toml and fit.png."""
         return {"profile.toml": self.profile.save, **super().files()}
 

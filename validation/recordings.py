@@ -121,7 +121,7 @@ class Convert(LogOptions):
     """Take out the gyro's mean at rest."""
     sync: bool = False
     """Take estimated offsets of time out of the measurements; commands stay."""
-    since: Annotated[float | None, tyro.conf.arg(name="from")] = None
+    since: cli.Since = None
     """Leave out what was logged before this time."""
     until: float | None = None
     """Leave out what was logged after this time."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,9 +26,9 @@ from ssmr.models.four_wheel import (
 from ssmr.robot.bodies import BodyPlant
 from ssmr.robot.drive import step_pushes, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
-from ssmr.types import Commands, FloatArray, State, Trajectory
+from ssmr.types import ChannelColumns, Commands, FloatArray, State, Trajectory
 
-_CHANNELS: Mapping[str, slice | int] = {
+_CHANNELS: ChannelColumns = {
     "torque_N_m": slice(8, 10),
     "yaw_acceleration_rad_s2": 10,
     "yaw_acceleration_range_rad_s2": slice(11, 13),

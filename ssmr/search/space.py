@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr.parameters import Declaration, Scale
+from ssmr.parameters import Bounds, Declaration, Scale
 from ssmr.types import FloatArray
 
 _BOUND_SHARE = 1e-3
@@ -66,9 +66,7 @@ class Parameter:
             raise ValueError(f"{self.name} is searched on a logarithmic scale; {bound}")
 
 
-def declared_parameter(
-    declaration: Declaration, bounds: tuple[float, float] | None = None
-) -> Parameter:
+def declared_parameter(declaration: Declaration, bounds: Bounds | None = None) -> Parameter:
     """Return a declared number as a parameter of a search, with its declared bounds or with others.
 
     Raises:

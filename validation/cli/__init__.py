@@ -6,6 +6,7 @@ from validation.cli.options import AnyPath as AnyPath
 from validation.cli.options import AnyProfile as AnyProfile
 from validation.cli.options import AnyRobot as AnyRobot
 from validation.cli.options import Options as Options
+from validation.cli.options import Since as Since
 from validation.cli.options import read_value as read_value
 from validation.cli.options import text_of as text_of
 from validation.cli.process import ENDING as ENDING

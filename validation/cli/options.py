@@ -48,6 +48,8 @@ AnyProfile = Profile | str | Path | None
 """The plants' parameters: themselves, their name or their path."""
 AnyPath = str | Path | None
 """The path of a file or a folder."""
+Since = Annotated[float | None, tyro.conf.arg(name="from")]
+"""The time before which a log is left out; `from` is no name in Python."""
 
 
 class Options:

@@ -88,8 +88,8 @@ class Scores:
         return document
 
 
-ScoresByPlant = Mapping[str, Scores]
-"""Scores by the plant's name."""
+NamedScores = Mapping[str, Scores]
+"""Scores by the name of a plant, or of a source."""
 
 
 def headline_horizon(horizons: Iterable[float]) -> float | None:

@@ -13,7 +13,7 @@ from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import QUARTERS, Band
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation.experiment.runs import drive_source
-from validation.experiment.scores import Driven, Scores, band_of
+from validation.experiment.scores import Driven, NamedScores, Scores, band_of
 from validation.experiment.sources import Source
 from validation.identify.problem import FitProblem
 from validation.identify.targets import score_pieces
@@ -75,7 +75,7 @@ seen."""
 
 def held_out_scores(
     judges: Judges,
-) -> tuple[dict[str, Scores], dict[str, Scores], dict[str, Scores], list[Driven], list[str]]:
+) -> tuple[NamedScores, NamedScores, NamedScores, list[Driven], list[str]]:
     """Return the scores on held-out sources before and after fits, by source, and notes.
 
     Those of all sources together come third, as `Fitted.judged` has them, and the sources as the
@@ -109,7 +109,7 @@ def held_out_scores(
 
 def scores_by_source(
     sources: Sequence[Source], motions: Sequence[Sequence[Trajectory]]
-) -> tuple[dict[str, Scores], Scores]:
+) -> tuple[NamedScores, Scores]:
     """Return the scores of a plant's motions on each source, and on all together."""
     each = {}
     for source, driven in zip(sources, motions, strict=True):

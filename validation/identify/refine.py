@@ -65,6 +65,10 @@ _SAME_SCALE = 0.8
 """Ratio of a scale to the one before, beyond which there is no new one [1]."""
 
 
+ErrorsAt = Callable[[FloatArray], FloatArray]
+"""A function that returns (S, K) errors of (S, n) points of the unit cube."""
+
+
 class Residuals(Protocol):
     """A problem whose errors are known one by one, such as a `FitProblem`."""
 
@@ -97,7 +101,7 @@ class Remembered(dict[bytes, FloatArray]):
     def correct(self, point: FloatArray) -> None:
         """Learn how wrong errors are around an (n,) point where a descent begins: not at all."""
 
-    def look_up(self, points: FloatArray, drive: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def look_up(self, points: FloatArray, drive: ErrorsAt) -> FloatArray:
         """Return (S, K) errors of (S, n) points; `drive` is called with the new ones alone."""
         new = {point.tobytes(): point for point in points if point.tobytes() not in self}
         if new:
@@ -118,15 +122,15 @@ class Corrected(Remembered):
 
     def __init__(
         self,
-        other: Callable[[FloatArray], FloatArray],
-        true: Callable[[FloatArray], FloatArray],
+        other: ErrorsAt,
+        true: ErrorsAt,
     ) -> None:
         """Begin with functions that return (S, K) errors of (S, n) points."""
         super().__init__()
         self._other = other
         self._true = true
 
-    def look_up(self, points: FloatArray, drive: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def look_up(self, points: FloatArray, drive: ErrorsAt) -> FloatArray:
         """Return (S, K) corrected errors, see `Remembered`."""
         return super().look_up(points, drive) + self.shift
 
@@ -210,7 +214,7 @@ def _is_far(point: FloatArray, visited: Sequence[FloatArray]) -> bool:
 
 
 def error_slopes(
-    errors_at: Callable[[FloatArray], FloatArray], point: FloatArray, central: bool = False
+    errors_at: ErrorsAt, point: FloatArray, central: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Return (K,) errors at an (n,) point of the unit cube, and their (K, n) derivatives.
 
@@ -242,7 +246,7 @@ _Slopes = tuple[FloatArray, FloatArray, FloatArray]
 def _slopes_at(
     point: FloatArray,
     known: _Slopes | None,
-    errors_at: Callable[[FloatArray], FloatArray],
+    errors_at: ErrorsAt,
     driven: Remembered,
 ) -> _Slopes:
     """Return what is known of the errors at an (n,) point: differences, if nothing was before.

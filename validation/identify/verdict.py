@@ -21,7 +21,13 @@ from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, correct_by_h
 from ssmr.metrics.windows import EVERY_S
 from ssmr.types import CommandKind, FloatArray
 from validation.experiment.gyro import with_gyro
-from validation.experiment.scores import HEADLINE_HORIZON, Driven, Scores, signed_windows
+from validation.experiment.scores import (
+    HEADLINE_HORIZON,
+    Driven,
+    NamedScores,
+    Scores,
+    signed_windows,
+)
 from validation.experiment.sources import Source, Span, source_of
 from validation.files.inspection import Inspected
 from validation.identify.objective import FitCost
@@ -131,9 +137,7 @@ def _judging_horizon(scores: Scores) -> float:
     return shorter[-1]
 
 
-def list_objections(
-    judged: Mapping[str, Scores], driven: Sequence[Driven], input: str
-) -> list[str]:
+def list_objections(judged: NamedScores, driven: Sequence[Driven], input: str) -> list[str]:
     """Return why the numbers of a fit are not to be used.
 
     Args:

@@ -95,13 +95,17 @@ def find_number(plant: str, name: str, robot: Robot) -> Parameter:
     return replace(numbers[number], name=name)
 
 
-def own_indices(names: Sequence[str], tags: Container[str]) -> dict[str, list[int]]:
+_Places = dict[str, list[int]]
+"""Where numbers stand in a space, by their names without tags."""
+
+
+def own_indices(names: Sequence[str], tags: Container[str]) -> _Places:
     """Return where each number of a log with some tags stands in `names`.
 
     A number of other logs alone has the places of all of these.
     """
-    own: dict[str, list[int]] = {}
-    others: dict[str, list[int]] = {}
+    own: _Places = {}
+    others: _Places = {}
     for k, name in enumerate(names):
         number, _, tag = name.partition("@")
         places = own if not tag or tag in tags else others

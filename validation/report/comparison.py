@@ -52,6 +52,8 @@ _LEAST_MOTION = 0.05
 """Way [m] or turn [rad] from which a plant moves in a window."""
 _MEAN_TIME = 0.25
 """Time over which wheel loads are averaged [s]: five periods of the driver's commands."""
+_Window = tuple[int, int]
+"""First and last sample of a window."""
 
 
 class Comparison(Motions):
@@ -123,7 +125,7 @@ class Comparison(Motions):
             self._draw_band(track, (0, len(track.pose) - 1), track.pose[0], ax)
         self.draw_whole_paths(1.0, ax)
 
-    def _draw_window(self, window: tuple[int, int], ax: Axes) -> None:
+    def _draw_window(self, window: _Window, ax: Axes) -> None:
         """Draw the paths over one window, from its first to its last sample.
 
         Each is seen from its own pose at the window's start.
@@ -142,7 +144,7 @@ class Comparison(Motions):
         ax.set_title(f"{start:.1f} to {end:.1f} s", fontweight="normal")
         ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
 
-    def _draw_band(self, track: Track, window: tuple[int, int], at: FloatArray, ax: Axes) -> None:
+    def _draw_band(self, track: Track, window: _Window, at: FloatArray, ax: Axes) -> None:
         """Draw a plant's 90 % ellipses, every second of a window that starts `at` a pose."""
         scores = self.scores.get(track.name)
         if scores is None or scores.band is None or track.reference is None:
@@ -156,7 +158,7 @@ class Comparison(Motions):
         for middle, one in zip(middles, covariance, strict=True):
             draw_ellipse(ax, middle, axes @ one @ axes.T, reach, ink_of(track.name))
 
-    def _windows(self) -> tuple[str, list[tuple[int, int]]]:
+    def _windows(self) -> tuple[str, list[_Window]]:
         """A heading for the windows shown, and the first and last sample of each by error.
 
         All windows of the horizon closest to `HEADLINE_HORIZON` in which a plant moves are put in
@@ -178,7 +180,7 @@ class Comparison(Motions):
                 windows = fitting
                 break
 
-        def moves(window: tuple[int, int]) -> bool:
+        def moves(window: _Window) -> bool:
             a, b = window
             paths = [track.pose[a : b + 1] for track in others]
             return any(np.ptp(path, axis=0).max() > _LEAST_MOTION for path in paths)

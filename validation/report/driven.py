@@ -69,6 +69,8 @@ _DASHES: dict[str, Dashes] = {
     "kinematic": (0.0, (3.0, 1.2)),
     "four_wheel": (0.0, (9.0, 1.2)),
 }
+GivenCommands = Sequence[tuple[FloatArray, FloatArray]]
+"""(N,) instants [s] and (N, 2) commanded speeds and yaw rates [m/s, rad/s] of each piece."""
 _VELOCITIES = {"Speed v_x [m/s]": 0, "Yaw rate [rad/s]": 2}
 """Panels of velocities, and the columns of twists that they show."""
 
@@ -102,7 +104,7 @@ class DrivenRobots(Report, ABC):
         """Return what is drawn: the reference, and then the other robots."""
 
     @abstractmethod
-    def commanded(self) -> Sequence[tuple[FloatArray, FloatArray]]:
+    def commanded(self) -> GivenCommands:
         """Return (N,) instants [s] and (N, 2) commanded speeds and yaw rates [m/s, rad/s].
 
         There is a pair for each piece, and none where wheel rates or several laws drive.

@@ -20,14 +20,14 @@ from ssmr.metrics.windows import (
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gyro import GyroJudge
 from validation.experiment.runs import Runs
-from validation.experiment.scores import Scores, ScoresByPlant, headline_horizon, standing_sentences
+from validation.experiment.scores import NamedScores, Scores, headline_horizon, standing_sentences
 from validation.experiment.sources import RECORDING, Source
 from validation.output import Document, one_line
 from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
-from validation.report.driven import DrivenRobots
+from validation.report.driven import DrivenRobots, GivenCommands
 from validation.report.palette import Rgb
-from validation.report.scene_robots import Series, Track, shades_of
+from validation.report.scene_robots import Plots, Series, Track, shades_of
 from validation.report.table import Table
 from validation.simulator.description import WHEELS
 from validation.simulator.health import health_verdict
@@ -104,7 +104,7 @@ class Motions(DrivenRobots):
     """The reference's motion, piece by piece."""
     runs: Runs
     """Runs by plant, in the order of all tables; the reference plant is among them."""
-    scores: ScoresByPlant
+    scores: NamedScores
     """Their errors, by plant."""
     gyro: GyroJudge | None = None
     """The second judge of heading; None where the reference is a plant, or without a useful one."""
@@ -146,7 +146,7 @@ class Motions(DrivenRobots):
         return [table for table in tables if table.rows]
 
     @cached_property
-    def distinct(self) -> dict[str, Scores]:
+    def distinct(self) -> NamedScores:
         """Scores by plant; planar models that a log's wheel rates drive alike share their names."""
         distinct = dict[str, Scores]()
         for name, scores in self.scores.items():
@@ -265,7 +265,7 @@ class Motions(DrivenRobots):
                 tracks.append(Track(name, run.motions, reference, run.localiser, *scene))
         return tracks
 
-    def commanded(self) -> Sequence[tuple[FloatArray, FloatArray]]:
+    def commanded(self) -> GivenCommands:
         """Return the commands over the time that is shown, if they are speeds and yaw rates."""
         by_wheels = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
         low, high = self.shown_span
@@ -296,7 +296,7 @@ class Motions(DrivenRobots):
             gaps=np.array(gaps),
         )
 
-    def _command_plots(self) -> dict[str, Series]:
+    def _command_plots(self) -> Plots:
         """Commands over time, as a recording's plots have them."""
         t, values = (np.concatenate(parts) for parts in zip(*self._given(), strict=True))
         if not self.commanded():
@@ -355,7 +355,7 @@ def interval_table(
     return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
 
 
-def _band_table(scores: ScoresByPlant) -> Table:
+def _band_table(scores: NamedScores) -> Table:
     """Shares of windows at whose end the robot was inside the plants' bands, and their scores."""
     rows = []
     for h in sorted(set().union(*(r.held for r in scores.values()))):
@@ -402,7 +402,7 @@ def _health_table(runs: Runs) -> Table:
     return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
 
 
-def indistinguishable_pairs(scores: ScoresByPlant, gyro_first: bool = False) -> Document | None:
+def indistinguishable_pairs(scores: NamedScores, gyro_first: bool = False) -> Document | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
     Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`,
@@ -438,7 +438,7 @@ def indistinguishable_pairs(scores: ScoresByPlant, gyro_first: bool = False) -> 
     return alike
 
 
-def _alike_sentences(scores: ScoresByPlant, alike: Document | None) -> list[str]:
+def _alike_sentences(scores: NamedScores, alike: Document | None) -> list[str]:
     """Return sentences on the plants that a recording tells apart, and on those that it does not.
 
     `alike` is the result of `indistinguishable_pairs`.

@@ -18,7 +18,7 @@ import hashlib
 import math
 import os
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -45,6 +45,7 @@ from validation.report.palette import BLACK, WHITE, Rgb, mix_colours, plant_colo
 from validation.report.scene_robots import (
     GROUND,
     Extent,
+    Plots,
     Series,
     Track,
     bright_colour,
@@ -113,7 +114,7 @@ class Scene:
     """The robots; the first one's is solid, and the eye follows it."""
     report: str
     """Markdown."""
-    plots: Mapping[str, Series] = field(default_factory=dict)
+    plots: Plots = field(default_factory=dict)
     """Lines over time by entity, `speed/mujoco`, besides those that follow from the motions."""
     gaps: FloatArray = field(default_factory=lambda: np.empty(0))
     """(G,) instants at which lines are interrupted [s]."""
@@ -160,7 +161,7 @@ def write_scene(scene: Scene, path: Path) -> None:
 
 def _fill_recording(recording: rr.RecordingStream, scene: Scene) -> None:
     unit = length_unit([float(track.errors[0].max()) for track in scene.tracks])
-    plots: dict[str, Series] = {}
+    plots: Plots = {}
     for track in scene.tracks:
         plots |= _plots_of(track, unit)
     plots |= scene.plots
@@ -361,7 +362,7 @@ def _line_parts(entity: str, series: Series, gaps: FloatArray) -> _Parts:
         yield entity, gaps, rr.Clear.columns(is_recursive=[False] * len(gaps))
 
 
-def _plots_of(track: Track, length: Unit) -> dict[str, Series]:
+def _plots_of(track: Track, length: Unit) -> Plots:
     """Return the lines over time of one robot by entity.
 
     They are velocities, errors (in `length`), torques and the forces of the ground.
@@ -414,7 +415,7 @@ def rotation_centre(track: Track) -> FloatArray:
 # --- the layout ---
 
 
-def _make_layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
+def _make_layout(scene: Scene, plots: Plots, extent: Extent) -> rrb.Blueprint:
     """Return the layout: robots and report on the left, plots on the right; it plays at once."""
     units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
     first = scene.tracks[0].t[0]

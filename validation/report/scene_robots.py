@@ -191,6 +191,10 @@ class Series(NamedTuple):
     """True where each value holds until the next, as commands do."""
 
 
+Plots = dict[str, Series]
+"""Lines over time by entity, such as `speed/mujoco`."""
+
+
 def shades_of(ink: Rgb) -> list[Rgb]:
     """Return a paler and a darker shade of a colour, for the left and the right side."""
     return [mix_colours(ink, WHITE, 0.35), mix_colours(ink, BLACK, 0.25)]

@@ -17,7 +17,7 @@ from ssmr.errors import SsmrError
 from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import relative_pose, wrap_angle
 from ssmr.metrics.declared import Metrics
-from ssmr.types import FloatArray, Trajectory
+from ssmr.types import Trajectory
 from validation.experiment.gains import GainSet
 from validation.experiment.tracked import (
     OF_THE_LOOP,
@@ -37,9 +37,9 @@ from validation.report.drawing import (
     draw_page,
     how_driven,
 )
-from validation.report.driven import DrivenRobots
+from validation.report.driven import DrivenRobots, GivenCommands
 from validation.report.palette import BLACK, GREY, WHITE, mix_colours
-from validation.report.scene_robots import Series, Track, bright_colour
+from validation.report.scene_robots import Plots, Series, Track, bright_colour
 from validation.report.table import Table
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ class Tracked(DrivenRobots):
             tracks.append(track)
         return tracks
 
-    def commanded(self) -> Sequence[tuple[FloatArray, FloatArray]]:
+    def commanded(self) -> GivenCommands:
         """Return the commands to a single robot."""
         if len(self.robots) > 1:
             return []
@@ -299,7 +299,7 @@ class Tracked(DrivenRobots):
             target=target,
         )
 
-    def _time_plots(self, target: Trajectory) -> dict[str, Series]:
+    def _time_plots(self, target: Trajectory) -> Plots:
         """Return velocities, wanted and commanded, and errors over time, by entity."""
         plots = {}
         for quantity, (unit, column, *columns) in _SIGNALS.items():

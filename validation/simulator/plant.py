@@ -7,7 +7,7 @@ results do not depend on how long chunks are, to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -23,7 +23,7 @@ from ssmr.geometry import (
 from ssmr.robot.bodies import BodyPlant
 from ssmr.robot.drive import motor_numbers, reference_chunks, whole_steps
 from ssmr.robot.vehicle import Drive
-from ssmr.types import Commands, FloatArray, State, Trajectory
+from ssmr.types import ChannelColumns, Commands, FloatArray, State, Trajectory
 from validation.simulator.bodies import MujocoBodies
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
@@ -43,7 +43,7 @@ from validation.simulator.terrain import FLAT, Terrain
 _SETTLE_CONSTANTS = 50.0
 """Time for which the robot stands before its resting height is taken, in time constants of the
 contact; 1 s for a Husky."""
-CHANNELS: Mapping[str, slice | int] = {
+CHANNELS: ChannelColumns = {
     "wheel_load_N": slice(8, 12),
     "torque_N_m": slice(12, 14),
     "yaw_acceleration_rad_s2": 14,

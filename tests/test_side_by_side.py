@@ -156,7 +156,9 @@ def test_rows_are_those_of_runs_and_plants(run: Path, tmp_path: Path) -> None:
     assert panels[0].get_title(loc="left") == "sync rms [mm]"
     for ax, name in zip(panels, ("sync_rms_m", "d_rms_symmetric_m"), strict=True):
         drawn = [bar.get_width() for bar in ax.patches]
-        assert drawn == pytest.approx([1e3 * (row[name] or 0.0) for row in chosen.rows], abs=0.06)
+        assert drawn == pytest.approx(
+            [1e3 * (row[name] or 0.0) for row in chosen.tables()[0].rows], abs=0.06
+        )
     assert (tmp_path / "table" / "table.png").stat().st_size > 1000
     assert not table(files, columns=("source",)).figure().axes
     with pytest.raises(ValueError, match="no result has a 'nope'; there are: run, "):

@@ -196,9 +196,6 @@ class Calibrated(Report):
     """Faults of the logs."""
     fits: Sequence[Fitted]
     """The fits, in their order."""
-    remarks: Sequence[str]
-    """Sentences on what is wrong with the logs, what they are taken for, and what was not
-    fitted."""
     kept: Comparison
     """The simulations along the last part that judged the fits, by the fits that had not seen
     it."""
@@ -267,12 +264,12 @@ class Calibrated(Report):
         return " ".join(words)
 
     def notes(self) -> list[str]:
-        """Return a verdict on each fit, the remarks, and the fits' notes."""
-        notes = [*map(_say_verdict, self.fits), *_turn_notes(self.fits, self.kept)]
-        notes += [*verdict.change_sentences(self.days), *self.remarks]
+        """Return the remarks, a verdict on each fit, and the fits' notes."""
+        notes = [*super().notes(), *map(_say_verdict, self.fits)]
+        notes += [*_turn_notes(self.fits, self.kept), *verdict.change_sentences(self.days)]
         # the first note of a fit that is no better says so, and the verdict does too
         notes += said_once({_fit_label(f): f.notes()[not f.better :] for f in self.fits})
-        return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
+        return [*map(one_line, dict.fromkeys(notes))]
 
     def document(self) -> Document:
         """Return the document of calibrate.json without its tables."""

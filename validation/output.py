@@ -29,6 +29,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+import numpy as np
+
 # --- words ---
 
 _HARMFUL = {"Cc", "Cf", "Cs", "Zl", "Zp"}
@@ -200,13 +202,15 @@ def write_text(path: Path, text: str) -> None:
 
 
 def plain_value(value: Any) -> Any:
-    """A value as JSON has it: mappings and sequences throughout, null for a non-finite number."""
+    """A value as JSON has it: no array's number, and null for one that is not finite."""
     if isinstance(value, Mapping):
         return {str(k): plain_value(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [plain_value(v) for v in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.generic):
+        return plain_value(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
     return value
 
 

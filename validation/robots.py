@@ -134,8 +134,6 @@ class RobotCheck(Report):
     """Result of its trials: with its own physics, in an engine, or of our MuJoCo model of it."""
     findings: Sequence[Finding]
     """Findings, faults first."""
-    remarks: Sequence[str]
-    """Sentences on how its description was read."""
 
     @property
     def faults(self) -> list[str]:

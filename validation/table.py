@@ -19,14 +19,13 @@ import tyro
 from validation import cli
 from validation.output import Document, write_text
 from validation.report.columns import NOTHING
-from validation.report.drawing import Panel, PanelRow, draw_page, ink_of
+from validation.report.drawing import Panel, PanelRow, ink_of
 from validation.report.palette import spell_name
 from validation.report.report import Report, Writers
-from validation.report.table import Row, Table
+from validation.report.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _SHOWN = (
     *("source", "robot", "profile", "controller", "reference", "model"),
@@ -69,48 +68,11 @@ class Side(cli.Common):
         return Path("runs") / "table"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SideBySide(Report):
-    """Results of several runs in one table."""
+    """Results of several runs in one table, with a row for each run, or each plant of a run."""
 
     program = "table"
     endings = ("md", "png")
-    rows: Sequence[Row]
-    """A row for each run, or for each plant of a run: its name, and its values by column."""
-
-    def tables(self) -> list[Table]:
-        """Return the table."""
-        caption = f"{NOTHING} where a run has no such value; --columns chooses"
-        if not any(None in row.values() for row in self.rows):
-            caption = ""
-        return [Table(self.title, self.rows, caption)]
-
-    def figure(self) -> Figure:
-        """Return a panel for each column of numbers, with a bar for each row, 1600 px wide."""
-        heads = [[row.get(name) for name in _HEADS] for row in self.rows]
-        names = [spell_name(", ".join(filter(None, head))) for head in heads]
-        inks = [ink_of(plant or "") for _, plant in heads]
-
-        def draw(title: str, texts: Sequence[str], labels: Sequence[str], ax: Axes) -> None:
-            places = range(len(texts))
-            ax.barh(places, list(map(_bar_length, texts)), color=inks)
-            ax.set(title=title, ylim=(len(texts) - 0.4, -0.6))
-            ax.set_yticks(places, labels)
-
-        panels = list[Panel]()
-        for column in self.tables()[0].columns():
-            if not column.holds_words:
-                # the first panel of a row has the names
-                labels = [""] * len(names) if len(panels) % _ACROSS else names
-                title = f"{column.heading} [{column.unit}]"
-                panels.append(partial(draw, title, column.texts, labels))
-        height = 1.0 + 0.25 * len(names)
-        cuts = range(0, len(panels), _ACROSS)
-        return draw_page(self.title, [PanelRow(height, panels[k : k + _ACROSS]) for k in cuts])
-
-    def document(self) -> Document:
-        """Return the schema."""
-        return {"schema": "ssmr.table/1"}
 
     def files(self) -> Writers:
         """Return writers of the text and of the table as CSV, in SI units."""
@@ -154,7 +116,36 @@ def table(o: Side) -> SideBySide:
             if len(keys) > 1 and keys[0].count(".") == keys[1].count("."):
                 raise ValueError(f"'{name}' may be {', '.join(keys)}; write one of them")
             shown[name] = row[keys[0]] if keys else None
-    return SideBySide(title="Results side by side", rows=chosen)
+    caption = f"{NOTHING} where a run has no such value; --columns chooses"
+    if not any(None in row.values() for row in chosen):
+        caption = ""
+    title = "Results side by side"
+    beside = Table(title, chosen, caption)
+    about = {"schema": "ssmr.table/1"}
+    return SideBySide(title=title, shown=[beside], about=about, panels=_draw_panels(beside))
+
+
+def _draw_panels(table: Table) -> list[PanelRow]:
+    """Return a panel for each column of numbers, with a bar for each row."""
+    heads = [[row.get(name) for name in _HEADS] for row in table.rows]
+    names = [spell_name(", ".join(filter(None, head))) for head in heads]
+    inks = [ink_of(plant or "") for _, plant in heads]
+
+    def draw(title: str, texts: Sequence[str], labels: Sequence[str], ax: Axes) -> None:
+        places = range(len(texts))
+        ax.barh(places, list(map(_bar_length, texts)), color=inks)
+        ax.set(title=title, ylim=(len(texts) - 0.4, -0.6))
+        ax.set_yticks(places, labels)
+
+    panels = list[Panel]()
+    for column in table.columns():
+        if not column.holds_words:
+            # the first panel of a row has the names
+            labels = [""] * len(names) if len(panels) % _ACROSS else names
+            title = f"{column.heading} [{column.unit}]"
+            panels.append(partial(draw, title, column.texts, labels))
+    height = 1.0 + 0.25 * len(names)
+    return [PanelRow(height, panels[k : k + _ACROSS]) for k in range(0, len(panels), _ACROSS)]
 
 
 def _bar_length(text: str) -> float:

@@ -18,7 +18,7 @@ from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.search import Search
 from validation.identify.uncertainty import Uncertainty
-from validation.output import Document, one_line, shorten_text
+from validation.output import Document, shorten_text
 from validation.report import drawing
 from validation.report.columns import Unit
 from validation.report.drawing import ALARM, Ink, PanelRow
@@ -171,8 +171,6 @@ class SearchReport(Report, ABC):
     """Seed of the search."""
     parameters: tuple[_FittedParameter, ...]
     """The numbers that were searched, in their order."""
-    remarks: Sequence[str]
-    """Sentences on the sources, the search and the numbers that it found."""
 
     @property
     def cost(self) -> float:
@@ -186,13 +184,11 @@ class SearchReport(Report, ABC):
 
     def notes(self) -> list[str]:
         """Return how an interrupted search goes on, and the remarks."""
-        notes = [*super().notes()]
+        notes = super().notes()
         if self.course.interrupted and self.course.checkpoint:
-            notes.append(
-                f"The search is kept in {self.course.checkpoint}; "
-                "the same command with --resume goes on from there."
-            )
-        return [*notes, *map(one_line, self.remarks)]
+            kept = f"The search is kept in {self.course.checkpoint}; "
+            notes.insert(1, f"{kept}the same command with --resume goes on from there.")
+        return notes
 
     @property
     def effort(self) -> str:

@@ -127,7 +127,7 @@ class Replication(Report):
 
     def notes(self) -> list[str]:
         """Return a sentence on the rows that differ without a known reason."""
-        notes = [*super().notes()]
+        notes = super().notes()
         if self.unexplained:
             notes.append(f"Unexplained: {', '.join(self.unexplained)}.")
         if self.unconverged:

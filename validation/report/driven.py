@@ -92,8 +92,6 @@ class DrivenRobots(Report, ABC):
     """Seed of noise and disturbance."""
     terrain: Terrain = FLAT
     """The ground that the MuJoCo robot stood on."""
-    remarks: Sequence[str] = ()
-    """Sentences on what was known before the robots were driven."""
 
     @abstractmethod
     def motions(self) -> Mapping[str, Sequence[Trajectory]]:

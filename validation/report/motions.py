@@ -219,7 +219,7 @@ class Motions(DrivenRobots):
 
     def notes(self) -> list[str]:
         """Return the remarks, the source's faults, the judge of heading, and who is better."""
-        notes = [*self.remarks]
+        notes = super().notes()
         headline = headline_horizon(self.horizons)
         if headline:
             notes += standing_sentences(self.source, headline)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
+    from validation.report.drawing import PanelRow
+
 
 Writers = dict[str, Callable[[Path], object]]
 """Functions that write files at a path, by the name of the file."""
@@ -59,15 +61,25 @@ class Report:
     """Failure although there is something to show, such as a lost robot: the program then fails
     after it saved."""
 
+    shown: Sequence[Table] = ()
+    """Tables, the most important one first."""
+    about: Document = field(default_factory=dict)
+    """Values that its JSON file has besides tables and notes."""
+    panels: Sequence[PanelRow] = ()
+    """Panels of its picture, row by row."""
+    remarks: Sequence[str] = ()
+    """Sentences on what was known before it, and on what its user has to know."""
+
     def tables(self) -> Sequence[Table]:
         """Return its tables, the most important one first; those without rows are not shown."""
-        return ()
+        return self.shown
 
-    def notes(self) -> Sequence[str]:
+    def notes(self) -> list[str]:
         """Return the sentences below its tables; the first says that it was interrupted."""
+        notes = [*map(one_line, self.remarks)]
         if self.status == INTERRUPTED:
-            return ["It was interrupted; only what was finished before is here."]
-        return []
+            notes.insert(0, "It was interrupted; only what was finished before is here.")
+        return notes
 
     def verdict(self) -> str:
         """Return what it found in one sentence or two, which stand before everything else."""
@@ -75,7 +87,7 @@ class Report:
 
     def document(self) -> Document:
         """Return what its JSON file has besides tables and notes: the schema and results."""
-        return {}
+        return self.about
 
     def figure(self) -> Figure:
         """Return its picture, drawn anew.
@@ -83,7 +95,11 @@ class Report:
         Raises:
             ValueError: it has none.
         """
-        raise ValueError(f"a report of {self.program} has no picture")
+        from validation.report.drawing import draw_page
+
+        if "png" not in self.endings:
+            raise ValueError(f"a report of {self.program} has no picture")
+        return draw_page(self.title, self.panels, notes=self.notes(), foot=self.made_by)
 
     def record(self, path: Path) -> None:
         """Write its rerun recording, whole or not at all.

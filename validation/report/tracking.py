@@ -191,7 +191,7 @@ class Tracked(DrivenRobots):
 
     def notes(self) -> list[str]:
         """Return the remarks, and sentences on striking numbers in the tables."""
-        notes = [*super().notes(), *self.remarks]
+        notes = super().notes()
         for r in self.robots:
             notes += _striking_sentences(r)
         x, y, yaw = self.options.get("start", (0.0, 0.0, 0.0))

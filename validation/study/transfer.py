@@ -224,7 +224,7 @@ def rank_correlation(costs: FloatArray, others: FloatArray) -> float:
 def chosen_column(costs: FloatArray, truth: FloatArray) -> int:
     """Column of the controller in the first place; of several there, the worst in truth."""
     first = np.flatnonzero(rank_places(costs) == 0)
-    return first[np.argmax(rank_places(truth)[first])]
+    return int(first[np.argmax(rank_places(truth)[first])])
 
 
 def regret_of_choice(costs: FloatArray, truth: FloatArray) -> float:
@@ -321,7 +321,7 @@ def _list_findings(
                 "metres_low": low[k],
                 "metres_high": high[k],
                 "gap": gaps[k],
-                "place": int(ranked[k]),
+                "place": ranked[k],
                 "lost": sum(score["lost"] for score in scores),
                 "by_reference": scores,
             }

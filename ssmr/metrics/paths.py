@@ -241,7 +241,7 @@ _DEEP = 128  # room for nodes that wait, two of each level at most: more than an
 
 _Box = tuple[float, float, float, float]
 """The least and greatest x, and the least and greatest y of points [m]."""
-_EMPTY: _Box = (math.inf, -math.inf, math.inf, -math.inf)
+_EMPTY = (math.inf, -math.inf, math.inf, -math.inf)
 """A box without points."""
 
 

@@ -20,7 +20,7 @@ import tyro
 
 from validation import cli, output
 
-_EVERY: Mapping[str, str] = {
+_EVERY = {
     "compare": "Drive every simulation with the same commands and compare them, "
     "with each other or with a log.",
     "fit": "Search for the parameters with which a simulation moves like a log, "

@@ -185,7 +185,7 @@ def _read_column(text: str) -> tuple[str, str]:
     return name.strip(), unit.strip()
 
 
-_TEXTS: Mapping[Any, tuple[str, Callable[[str], Any]]] = {
+_TEXTS = {
     Sequence[float]: ("X,Y,...", _read_numbers),
     tuple[float, float, float]: ("X,Y,YAW", _read_numbers),
     Mapping[str, float]: ("NAME=X,...", _pairs_reader(float)),

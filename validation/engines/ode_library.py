@@ -75,7 +75,7 @@ class JointFeedback(c.Structure):
     _fields_ = (("f1", Vector), ("t1", Vector), ("f2", Vector), ("t2", Vector))
 
 
-_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+_SIGNATURES = {
     "dInitODE2 dAllocateODEDataForThread": (_I, [c.c_uint]),
     "dRandSetSeed": (None, [c.c_ulong]),
     "dWorldCreate": (_P, []),

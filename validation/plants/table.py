@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ if TYPE_CHECKING:
     from validation.plants.kind import PlantKind
 
 
-_SIMULATED: Mapping[str, str] = {
+_SIMULATED = {
     "mujoco": "validation.plants.simulated",
 }
 """Module of each simulated plant, whose function `declare` declares it; imported when the plant is

@@ -6,7 +6,6 @@ is not published.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -23,7 +22,7 @@ from validation.replicate.chapters import Findings, Section, Task, finished_resu
 from validation.replicate.verdicts import FACTOR, RULE_OF, UNCONVERGED, Pair, Rows, Rule
 
 _PROFILE = "thesis-lab"
-_FITS: Mapping[str, tuple[str, str]] = {
+_FITS = {
     "coulomb": ("3.8", "3.9"),
     "improved": ("3.11", "3.12"),
     "linear": ("3.14", "3.15"),

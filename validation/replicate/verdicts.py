@@ -48,7 +48,7 @@ Status = Literal["agrees", "agrees if", "not told apart", "nearer", "differs", "
 but a distance of ours is smaller than the printed one. `agrees if`: a row that does not agree as
 printed, but in every number under one supposition about what the thesis does not print."""
 STATUSES: tuple[Status, ...] = get_args(Status)
-_WORSE: tuple[Status, ...] = ("not compared", "agrees", "not told apart", "nearer", "differs")
+_WORSE = ("not compared", "agrees", "not told apart", "nearer", "differs")
 Evidence = Literal["independent", "fitted", "recovered", "duplicate", "impossible"]
 """Classes of evidence of a row that agrees. `independent`: nothing of ours was fitted to it.
 `fitted`: it rests on an assumption, or on numbers chosen with it in view. `recovered`: what was put

@@ -8,7 +8,7 @@ that is better, and a sentence for the legend.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ssmr.metrics.declared import METRICS, SIGNALS, Metric
@@ -47,7 +47,7 @@ METRES = Unit("m", 1.0, 3)
 MILLIMETRES = Unit("mm", 1e3, 1)
 DEGREES = Unit("deg", 180.0 / math.pi, 2)
 _PERCENT = Unit("%", 100.0, 1)
-_ENDINGS: Mapping[str, Unit] = {
+_ENDINGS = {
     "_m_s2": Unit("m/s²", 1.0, 2),
     "_rad_s2": Unit("rad/s²", 1.0, 2),
     "_m_s": Unit("m/s", 1.0, 2),

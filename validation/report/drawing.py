@@ -62,8 +62,8 @@ _LINE_IN = 0.185  # height of a line of words
 _WRAP = 160  # most characters in such a line
 _KEY_IN = 0.75  # width of an entry of a legend without its words
 _CHARACTER_IN = 0.077  # width of a character there
-_TITLE: Look = {"fontsize": 14.0, "fontweight": "bold"}
-_HEADING: Look = {"fontsize": 10.5, "fontweight": "bold"}
+_TITLE = {"fontsize": 14.0, "fontweight": "bold"}
+_HEADING = {"fontsize": 10.5, "fontweight": "bold"}
 KEY: Look = {
     "frameon": False,
     "fontsize": 9.0,

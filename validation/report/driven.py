@@ -62,7 +62,7 @@ MARKERS = {
     "ode": "P",
     "drake": "X",
 }
-_DASHES: dict[str, Dashes] = {
+_DASHES = {
     "improved": (0.0, (6.0, 1.5)),
     "coulomb": (0.0, (1.5, 1.0)),
     "linear": (0.0, (7.0, 1.5, 1.5, 1.5)),

@@ -26,7 +26,6 @@ from validation.output import Document, one_line
 from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.driven import DrivenRobots, GivenCommands
-from validation.report.palette import Rgb
 from validation.report.scene_robots import Plots, Series, Track, shades_of
 from validation.report.table import Table
 from validation.simulator.description import WHEELS
@@ -36,7 +35,7 @@ from validation.simulator.terrain import FLAT
 if TYPE_CHECKING:
     from validation.report.scene import Scene
 
-_COMMANDED: Rgb = (86, 180, 233)
+_COMMANDED = (86, 180, 233)
 _WINDOWS = (
     "after this time, of the relative pose: the simulation's motion over a window is compared with "
     "the reference's, both seen from the pose at the window's start. Windows span no gap"

@@ -10,7 +10,6 @@ a grey print.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 
 from validation.plants.table import is_plant, plant_kind
 
@@ -20,7 +19,7 @@ BLACK: Rgb = (0, 0, 0)
 WHITE: Rgb = (255, 255, 255)
 GREY: Rgb = (128, 128, 128)
 """Colour of a name that declares none."""
-_REFERENCES: Mapping[str, Rgb] = {
+_REFERENCES = {
     "recording": (32, 32, 36),  # near-black: what really happened
     "truth": (64, 64, 72),  # a plant's motion that the same plant is fitted to
 }

@@ -41,7 +41,7 @@ from ssmr.robot.ground import LEFT
 from ssmr.types import FloatArray
 from validation.output import Document, each_line, one_line, write_atomic
 from validation.report.columns import Unit, length_unit
-from validation.report.palette import BLACK, WHITE, Rgb, mix_colours, plant_colour
+from validation.report.palette import BLACK, WHITE, mix_colours, plant_colour
 from validation.report.scene_robots import (
     GROUND,
     Extent,
@@ -56,9 +56,9 @@ from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 
 _TIMELINE = "sim_time"
-_GRID: Rgb = (186, 191, 198)
-_SKY: Rgb = (238, 240, 243)
-_TARGET: Rgb = (20, 20, 24)
+_GRID = (186, 191, 198)
+_SKY = (238, 240, 243)
+_TARGET = (20, 20, 24)
 _BELOW = 0.004
 """The ground is drawn so much too low, so that lines on it show [m]."""
 _LOAD_LENGTH = 0.45

@@ -181,7 +181,7 @@ class Calibration(WheeledBody):
         return cls(robot, **{**numbers, **changes})
 
 
-_WIDTHS: dict[WheelShape, float] = {"ellipsoid": 0.0, "cylinder": 0.5, "capsule": 1.0 / 16.0}
+_WIDTHS = {"ellipsoid": 0.0, "cylinder": 0.5, "capsule": 1.0 / 16.0}
 """Half the distance between a tyre's contact points over its width [1]; a capsule's is assumed."""
 
 

@@ -23,7 +23,7 @@ from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, Impedance, PhysicsSettings, apply_settings
 from validation.simulator.terrain import FLAT, Terrain
 
-_CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
+_CONTACT_POINTS = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
 """Points in which each shape of tyre touches level ground."""
 _BELT_TIME = 0.030834
 """Time constant of the belts over sqrt(wheel radius / g) [1], a fifth of the contact's; 4 ms for a

@@ -441,8 +441,8 @@ PRICES = {
     ),
     "validation/cli": Price(
         7_000,
-        4,
-        28,
+        3,
+        26,
         "how texts of options are read and options checked, with annotations for all that is "
         "accepted; exit status, progress; "
         "a run is repeated by its file, and its picture written for a paper; help and completion "
@@ -456,8 +456,8 @@ PRICES = {
     ),
     "validation/identify": Price(
         36_280,
-        16,
-        99,
+        15,
+        98,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; all of a log is "
         "fitted, its thirds in motion judge, and better is more than chance; "
@@ -482,7 +482,7 @@ PRICES = {
     ),
     "validation/files": Price(
         56_350,
-        32,
+        30,
         117,
         "any log, a frame of pandas too, is read as one form, of tables in any usual layout, with "
         "names and units of others, and of bags on one clock with the most independent pose and "
@@ -492,19 +492,19 @@ PRICES = {
     "validation/plants": Price(
         7_465,
         5,
-        34,
+        33,
         "every plant declared once, with the numbers that its robot lets a fit move, and profiles",
     ),
     "validation/replicate": Price(
-        13_100,
-        13,
-        45,
+        12_840,
+        10,
+        40,
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        24_800,
-        15,
-        65,
+        24_660,
+        12,
+        53,
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
@@ -516,22 +516,22 @@ PRICES = {
         "is wrong with it, and a robot that was held waits for a confirmation",
     ),
     "validation/simulator": Price(
-        23_200,
+        22_530,
         5,
         67,
         "a robot's description becomes a MuJoCo model that moves, and files of other programs, "
         "also nav2's limits and dead times",
     ),
     "validation/study": Price(
-        9_500,
-        8,
-        27,
+        8_990,
+        7,
+        26,
         "answers: contact of a robot with its weight in the middle, transfer, drive train",
     ),
     "validation/experiment": Price(
-        15_800,
-        10,
-        57,
+        15_430,
+        9,
+        54,
         "scenarios and logs that plants are driven along, their runs and scores (what comparison, "
         "fit and pictures each had); references, gains, controllers in loops",
     ),
@@ -543,9 +543,9 @@ PRICES = {
         "robots, what a log contains and can tell, and its conversion, whole writing; workers",
     ),
     "benchmarks": Price(
-        3_670,
+        3_600,
         0,
-        17,
+        11,
         "speed beside other libraries, and what starts of programs take beside their imports",
     ),
 }

@@ -31,6 +31,7 @@ from tests.workers import *  # noqa: F403 - pytest's hooks
 from validation import cli
 from validation.engines.body import EngineMissingError
 from validation.files import guarded
+from validation.identify import search
 from validation.output import shorten_text
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.table import ALL_PLANTS
@@ -154,6 +155,13 @@ def without_the_dear(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(guarded, "ask", answer_here)
     if "with_drawings" not in request.fixturenames:
         monkeypatch.setattr(Picture, "draw", lambda *_: None)
+
+
+@pytest.fixture
+def one_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Searches by least squares begin at one place: where they end is another test's question."""
+    starts = {method: min(most, 1) for method, most in search.STARTS_OF.items()}
+    monkeypatch.setattr(search, "STARTS_OF", starts)
 
 
 def installed_plant(profile: Profile, name: str, settings: PhysicsSettings = SHIPPED) -> Plant:

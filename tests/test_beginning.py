@@ -98,7 +98,8 @@ def test_a_body_that_cannot_turn_as_the_robot_does_is_named(tmp_path: Path) -> N
     numbers = {"alpha_l": 0.95, "alpha_r": 0.95, "y_l": 0.21, "y_r": -0.21}
     log = kinematic_drive(tmp_path, "easy", numbers, 1)
     plants = ("kinematic", "four_wheel")
-    report = calibrate(log, robot="husky", plants=plants, trust=True, out=tmp_path / "out")
+    judge = kinematic_drive(tmp_path, "judge", numbers, 2)
+    report = calibrate(log, robot="husky", plants=plants, held_out=judge, trust=True)
     lead = "four_wheel driven by measured wheel rates: headings are worse than those of kinematic"
     (note,) = [note for note in report.notes() if note.startswith(lead)]
     turns = float(note.partition("it turns ")[2].split()[0])

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ssmr.types import FloatArray
 from tests.conftest import exit_status
 from tests.test_objective import recorded
 from validation.calibrate import calibrate
@@ -42,6 +43,20 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         recorded(Profile("true", "", {**lab.plants, "kinematic": true}, {}), "kinematic", 60.0),
         path,
     )
+    return path
+
+
+def without_commands(log: Path) -> dict[str, FloatArray]:
+    """Return columns of a log by name, but not the commands: their driver takes many fits."""
+    table = np.genfromtxt(log, delimiter=",", names=True)
+    names = [name for name in table.dtype.names or () if not name.startswith("cmd")]
+    return {name: np.array(table[name]) for name in names}
+
+
+def write_rows(path: Path, columns: dict[str, FloatArray]) -> Path:
+    """Write columns as a log."""
+    header = ",".join(columns)
+    np.savetxt(path, np.array(list(columns.values())).T, "%.17g", ",", header=header, comments="")
     return path
 
 
@@ -132,13 +147,12 @@ def test_known_numbers_come_back_in_every_file(true: Path) -> None:
     assert not re.findall(r"(?:src|href)=\"(?!data:)", page)
 
 
+@pytest.mark.usefixtures("one_start")
 def test_what_is_no_better_is_not_kept(log: Path, true: Path, tmp_path: Path) -> None:
     """The first two thirds have a left wheel that slips, and what is judged on has none."""
-    sound = np.genfromtxt(log, delimiter=",", names=True)
-    rows = np.array([sound[name] for name in sound.dtype.names])
-    rows[sound.dtype.names.index("enc_left"), sound["t"] < 2.0 / 3.0 * sound["t"][-1]] *= 1.1
-    bad = tmp_path / "bad.csv"
-    np.savetxt(bad, rows.T, delimiter=",", header=",".join(sound.dtype.names), comments="")
+    rows = without_commands(log)
+    rows["enc_left"][rows["t"] < 2.0 / 3.0 * rows["t"][-1]] *= 1.1
+    bad = write_rows(tmp_path / "bad.csv", rows)
     document = calibrated(bad, tmp_path / "out", "--profile", str(true / "profile.toml"), "--trust")
     assert document["plants"]["kinematic"]["better"] is False
     assert any("keeps the old numbers" in note for note in document["notes"])
@@ -149,22 +163,13 @@ def test_what_is_no_better_is_not_kept(log: Path, true: Path, tmp_path: Path) ->
     assert kept.parameters == was.parameters
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_log_that_contradicts_itself_is_refused_unless_it_is_trusted(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sound = np.genfromtxt(log, delimiter=",", names=True)
-    names = [
-        {"enc_left": "enc_right", "enc_right": "enc_left"}.get(name, name)
-        for name in sound.dtype.names
-    ]
-    swapped = tmp_path / "swapped.csv"
-    np.savetxt(
-        swapped,
-        np.array([sound[n] for n in sound.dtype.names]).T,
-        delimiter=",",
-        header=",".join(names),
-        comments="",
-    )
+    rows = without_commands(log)
+    others = {"enc_left": rows["enc_right"], "enc_right": rows["enc_left"]}
+    swapped = write_rows(tmp_path / "swapped.csv", rows | others)
     arguments = [
         str(swapped),
         "--robot",
@@ -184,18 +189,17 @@ def test_a_log_that_contradicts_itself_is_refused_unless_it_is_trusted(
     assert math.isfinite(trusted["plants"]["kinematic"]["after"]["6"]["position_median_m"])
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_part_in_which_columns_disagree_is_left_out(tmp_path: Path) -> None:
     """From 40 s on the encoders are swapped; before that the log is as good as the sound one."""
-    sound = np.genfromtxt(log_path("husky"), delimiter=",", names=True)
-    late = sound["t"] >= sound["t"][0] + 40.0
-    bad = sound.copy()
-    bad["enc_left"][late] = sound["enc_right"][late]
-    bad["enc_right"][late] = sound["enc_left"][late]
+    rows = without_commands(log_path("husky"))
+    late = rows["t"] >= rows["t"][0] + 40.0
+    left, right = rows["enc_left"], rows["enc_right"]
+    sides = {"enc_left": np.where(late, right, left), "enc_right": np.where(late, left, right)}
+    sound = {name: column[~late] for name, column in rows.items()}
     found = {}
-    for name, rows in (("bad", bad), ("sound", sound[~late])):
-        path = tmp_path / f"{name}.csv"
-        header = ",".join(rows.dtype.names)
-        np.savetxt(path, np.array(rows.tolist()), delimiter=",", header=header, comments="")
+    for name, columns in (("bad", rows | sides), ("sound", sound)):
+        path = write_rows(tmp_path / f"{name}.csv", columns)
         found[name] = calibrate(path, robot="husky", plants=("kinematic",))
     fitted = {name: {p.name: p for p in each.fits[0].parameters} for name, each in found.items()}
     for name, number in fitted["sound"].items():

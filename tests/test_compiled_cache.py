@@ -220,11 +220,13 @@ def test_two_first_starts_at_once_and_damaged_files_give_the_right_numbers(folde
     both = [start(folder), start(folder)]
     assert [said(each)[0] for each in both] == [NUMBERS] * 2
     assert said(start(folder)) == (NUMBERS, 0)
-    for ending, cut in ((".nbc", True), (".nbi", False)):
-        for path in sorted((folder / "cache").rglob(f"*{ending}")):
-            path.write_bytes(path.read_bytes()[:-100] if cut else b"")
-        assert said(start(folder)) == (NUMBERS, EVERY)
-        assert said(start(folder)) == (NUMBERS, 0), "they are written anew"
+    kept = sorted((folder / "cache").rglob("*.nb[ci]"))
+    # code of one kernel, then the index of the next
+    for k, path in enumerate(sorted({path.parent for path in kept})):
+        (file,) = path.glob("*.nbi" if k % 2 else "*.nbc")
+        file.write_bytes(b"" if k % 2 else file.read_bytes()[:-100])
+    assert said(start(folder)) == (NUMBERS, EVERY)
+    assert said(start(folder)) == (NUMBERS, 0), "they are written anew"
 
 
 def test_copies_of_the_package_share_what_they_compile(tmp_path: Path) -> None:
@@ -245,8 +247,7 @@ print(sum(hasattr(each._cache, "_function") for each in kept))
         shutil.copytree(ROOT / "ssmr", copy / "ssmr")
     numbers, compiled = said(start(tmp_path, run, copies[0]))
     assert compiled > 0
-    for copy in (copies[1], *copies):
-        assert said(start(tmp_path, run, copy)) == (numbers, 0)
+    assert said(start(tmp_path, run, copies[1])) == (numbers, 0)
     metrics = copies[0] / "ssmr" / "metrics" / "declared.py"
     metrics.write_text(metrics.read_text(encoding="utf-8") + "\nNEW = 1.0\n", encoding="utf-8")
     paths = copies[1] / "ssmr" / "metrics" / "paths.py"
@@ -256,7 +257,6 @@ print(sum(hasattr(each._cache, "_function") for each in kept))
     others, compiled = said(start(tmp_path, run, copies[1]))
     assert (others[0], compiled) == (numbers[0], 1)
     assert others[1] != numbers[1]
-    assert said(start(tmp_path, run, copies[0])) == (numbers, 0)
 
 
 def test_what_nobody_uses_goes_and_what_somebody_uses_stays(folder: Path) -> None:

@@ -114,7 +114,7 @@ def test_many_damaged_bags(kind: str, tmp_path: Path, capsys: pytest.CaptureFixt
 def test_metadata_that_doubles_itself_ends(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bags, "_SECONDS", 2.0)
+    monkeypatch.setattr(bags, "_SECONDS", 1.0)
     bag = write(tmp_path, "sqlite", circle(20))
     merges = "".join(f"b{k}: &b{k}\n  <<: [*b{k - 1}, *b{k - 1}]\n" for k in range(1, 40))
     metadata = bag / "metadata.yaml"
@@ -141,7 +141,7 @@ def test_a_bag_that_unpacks_to_gigabytes_leaves_nothing(
     (tmp_path / "unpacked").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "unpacked"))
     files = write(tmp_path, "sqlite file", circle(20), "files")
-    zeros = zstd.compress(bytes(1 << 20)) * 4096
+    zeros = zstd.compress(bytes(1 << 20)) * 2048
     data_of(files).write_bytes(zeros)
     assert answered(files, capsys) == 2
     messages = write(tmp_path, "sqlite messages", circle(20), "messages")

@@ -17,7 +17,7 @@ from validation.plants.searchable import find_number, with_values
 
 TWO = "traj4@coulomb,traj2@coulomb"
 ONE = "traj4@coulomb"
-QUICK: dict[str, Any] = {"free": ("mu_c", "effective_half_track", "delay"), "seed": 2}
+FREE = ("mu_c", "effective_half_track", "delay")
 
 
 def values_of(fitted: Fitted) -> dict[str, float]:
@@ -52,7 +52,7 @@ def test_every_seed_ends_where_two_amplitudes_came_from(lab: Profile, seed: int)
     """By the path alone, from the default bounds; nobody said where to begin."""
     friction = 0.045
     truth = with_friction(lab, friction)
-    fitted = fit("coulomb", TWO, truth, free=QUICK["free"], seed=seed)
+    fitted = fit("coulomb", TWO, truth, free=FREE, seed=seed)
     assert fitted.document()["search"] == "descents"
     found = values_of(fitted)
     assert found["mu_c"] == pytest.approx(friction, abs=0.001)
@@ -97,16 +97,12 @@ def test_sizes_of_a_population_choose_differential_evolution(lab: Profile) -> No
         assert result.course.by_stage == {"jde": result.course.evaluations, "lsq": 0, "simplex": 0}
 
 
-@pytest.fixture(scope="module")
-def whole(lab: Profile) -> Fitted:
-    """A search that nobody interrupts."""
-    return fit("coulomb", TWO, lab, **QUICK)
-
-
 def test_an_interrupted_search_goes_on_to_the_same_end(
-    whole: Fitted, lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is interrupted in least squares, whose ends are rated by the cost, then in a simplex."""
+    quick: dict[str, Any] = {"free": ("effective_half_track", "delay"), "seed": 2}
+    whole = fit("coulomb", ONE, lab, **quick)
     real = FitProblem.costs
     calls = []
 
@@ -118,11 +114,11 @@ def test_an_interrupted_search_goes_on_to_the_same_end(
 
     monkeypatch.setattr(FitProblem, "costs", cut)
     for resume in (False, True):
-        part = fit("coulomb", TWO, lab, out=tmp_path, resume=resume, **QUICK)
+        part = fit("coulomb", ONE, lab, out=tmp_path, resume=resume, **quick)
         assert part.status == "interrupted"
         assert part.course.evaluations < whole.course.evaluations
     assert part.course.by_stage["simplex"] > 0
-    rest = fit("coulomb", TWO, lab, out=tmp_path, resume=True, **QUICK)
+    rest = fit("coulomb", ONE, lab, out=tmp_path, resume=True, **quick)
     assert rest.course.by_stage == whole.course.by_stage
     assert rest.cost == whole.cost
     assert values_of(rest) == values_of(whole)

@@ -50,7 +50,7 @@ def drive_log(path: Path, ratio: float) -> Path:
     return path
 
 
-@pytest.mark.parametrize("ratio", [0.92, 1.1])
+@pytest.mark.parametrize("ratio", [0.92, pytest.param(1.1, marks=pytest.mark.slow)])
 def test_a_log_tells_the_ratio_while_the_weight_stays_where_the_file_has_it(
     ratio: float, tmp_path: Path
 ) -> None:

@@ -219,7 +219,7 @@ def test_a_distance_is_smooth_where_the_path_moves(seed: int):
     assert np.abs(np.diff(sizes, 2)).max() < 0.001**2 / 0.0005
 
 
-@quick
+@settings(quick, max_examples=25)
 @given(seed=seeds, jump=st.floats(0.1, 1e4), jumps=st.integers(1, 5), still=st.integers(0, 300))
 def test_nearest_distances_of_a_path_that_jumps_and_stands_still(
     seed: int, jump: float, jumps: int, still: int

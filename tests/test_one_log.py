@@ -58,6 +58,7 @@ def opened(counts: Counter[str]) -> dict[str, int]:
     return {name: many for name, many in counts.items() if name.startswith("once") and many}
 
 
+@pytest.mark.usefixtures("one_start")
 def test_calibrate_opens_each_log_once_and_looks_at_it_once(
     paths: list[Path], counted: Counter[str]
 ) -> None:
@@ -79,6 +80,7 @@ def test_a_log_that_is_held_out_is_opened_once(paths: list[Path], counted: Count
     assert counted["judged"] == 2
 
 
+@pytest.mark.usefixtures("one_start")
 def test_programs_take_a_log_by_its_path_or_itself(paths: list[Path]) -> None:
     log = read_log(paths[0])
     options: dict[str, Any] = {"profile": BARE, "input": "wheels"}
@@ -98,8 +100,9 @@ def test_programs_take_a_log_by_its_path_or_itself(paths: list[Path]) -> None:
     alone = fit("kinematic", log, search="lsq", **options)
     assert framed.plant.parameters == alone.plant.parameters
     assert info(log).document() == info(paths[0]).document()
-    calibrated = calibrate(log, profile=BARE, plants=("kinematic",), trust=True)
-    again = calibrate(paths[0], profile=BARE, plants=("kinematic",), trust=True)
+    judged: dict[str, Any] = {"profile": BARE, "held_out": paths[1], "trust": True}
+    calibrated = calibrate(log, plants=("kinematic",), **judged)
+    again = calibrate(paths[0], plants=("kinematic",), **judged)
     assert calibrated.document() == again.document()
 
 

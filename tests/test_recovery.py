@@ -245,8 +245,17 @@ def signed_log(unit: Literal["A", "N m"], sign: str, loss: float = 3.0) -> Drive
     return DriveLog("signed", motion.t[::5], rates, None, torques, None, True, unit)
 
 
-@pytest.mark.parametrize("sign", ["axle", "driving", "against the axle"])
-@pytest.mark.parametrize("unit", ["A", "N m"])
+@pytest.mark.parametrize(
+    ("unit", "sign"),
+    [
+        ("N m", "axle"),
+        ("A", "driving"),
+        ("N m", "against the axle"),
+        pytest.param("A", "axle", marks=pytest.mark.slow),
+        pytest.param("N m", "driving", marks=pytest.mark.slow),
+        pytest.param("A", "against the axle", marks=pytest.mark.slow),
+    ],
+)
 def test_a_torque_is_the_same_whatever_its_sign_means(unit: Literal["A", "N m"], sign: str) -> None:
     """Where wheels slide it is that of the ground with the sign of the axle, and losses are off."""
     log = signed_log(unit, sign)

@@ -10,15 +10,15 @@ import pytest
 from ssmr.simulation import PlanarPlant
 from ssmr.types import Commands, State
 from tests.test_several_logs import BARE
-from validation.calibrate import calibrate
+from validation.calibrate import Calibrated, calibrate
 from validation.files.csv_logs import write_csv
 from validation.files.log import Log
 from validation.plants.planar import _model_of
 from validation.plants.searchable import with_values
 
 
-def drive_steps(path: Path, driver: dict[str, float], seed: int) -> Path:
-    """Write a log of 90 s of commands that are held for 1 to 3 s, of a robot with this driver.
+def drive_steps(path: Path, driver: dict[str, float], seed: int, rows: int = 1800) -> Path:
+    """Write rows at 20 Hz of a robot with this driver, whose commands are held for 1 to 3 s.
 
     Poses have 5 mm and 3 mrad of noise, wheel rates 0.02 rad/s.
     """
@@ -28,18 +28,24 @@ def drive_steps(path: Path, driver: dict[str, float], seed: int) -> Path:
     rng = np.random.default_rng(seed)
     held = rng.integers(20, 60, 60)
     steps = rng.uniform((-0.36, -1.2), (0.9, 1.2), (60, 2))
-    commands = np.repeat(np.repeat(steps, held, axis=0)[:1800], 5, axis=0)
+    commands = np.repeat(np.repeat(steps, held, axis=0)[:rows], 5, axis=0)
     motion = PlanarPlant(_model_of(true)).run(Commands(0.01, commands, "twist"), State(), 0.01)
-    t = 0.05 * np.arange(1800, dtype=np.float64)
+    t = 0.05 * np.arange(rows, dtype=np.float64)
     pose = true.localiser.logged_poses(motion.pose, 0.01, t)
     pose = pose + rng.normal(0.0, (0.005, 0.005, 0.003), pose.shape)
-    wheels = motion.wheels[:-1:5] + rng.normal(0.0, 0.02, (1800, 2))
+    wheels = motion.wheels[:-1:5] + rng.normal(0.0, 0.02, (rows, 2))
     columns = {"t": t}
     for name, table in (("cmd_v cmd_w", commands[::5]), ("enc_left enc_right", wheels)):
         columns |= dict(zip(name.split(), table.T, strict=True))
     columns |= dict(zip(("x", "y", "yaw"), pose.T, strict=True))
     write_csv(Log.of_columns("steps", columns), path)
     return path
+
+
+def calibrated(log: Path, driver: dict[str, float]) -> Calibrated:
+    """Return a calibration that half a minute of the same robot judges, so that it has one fit."""
+    judge = drive_steps(log.with_name("judge.csv"), driver, 3, 600)
+    return calibrate(log, profile=BARE, plants=("kinematic",), held_out=judge, trust=True)
 
 
 GRID = (
@@ -53,7 +59,7 @@ GRID = (
 def test_a_driver_comes_back_or_is_held_and_said(driver: dict[str, float], tmp_path: Path) -> None:
     """Column, note and profile say one thing of each number."""
     log = drive_steps(tmp_path / "steps.csv", driver, 1)
-    report = calibrate(log, profile=BARE, plants=("kinematic",), trust=True)
+    report = calibrated(log, driver)
     fit = report.fits[1]
     found = {p.name: p for p in fit.parameters}
     profile = report.profile.plants["kinematic"].drive
@@ -78,7 +84,7 @@ def test_a_driver_comes_back_or_is_held_and_said(driver: dict[str, float], tmp_p
 def test_a_limit_that_no_command_reaches_is_not_written(tmp_path: Path) -> None:
     """Steps are obeyed at once: any greater acceleration makes the same log."""
     log = drive_steps(tmp_path / "steps.csv", {"delay": 0.1}, 2)
-    report = calibrate(log, profile=BARE, plants=("kinematic",), trust=True)
+    report = calibrated(log, {"delay": 0.1})
     found = {p.name: p for p in report.fits[1].parameters}
     drive = report.profile.plants["kinematic"].drive
     for name in ("acceleration_v", "acceleration_w"):

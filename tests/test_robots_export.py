@@ -87,9 +87,17 @@ def in_plain_mujoco(
     return np.array(poses)
 
 
-@pytest.mark.parametrize("limit", [None, 10.0])
+CALIBRATED = ("thesis-lab", "husky-tile", "thesis-printed", "pioneer3at", "warthog-grass")
+
+
 @pytest.mark.parametrize(
-    "name", ["thesis-lab", "husky-tile", "thesis-printed", "pioneer3at", "warthog-grass"]
+    ("name", "limit"),
+    [
+        # limits are shared out, and in the slow tests each robot has both
+        pytest.param(name, limit, marks=[pytest.mark.slow] * ((i + k) % 2))
+        for i, name in enumerate(CALIBRATED)
+        for k, limit in enumerate((None, 10.0))
+    ],
 )
 def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float | None) -> None:
     """To a hundredth of a millimetre, with slips that settle as the file's; these move it by 0.1.
@@ -114,8 +122,15 @@ def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float 
     np.testing.assert_allclose(np.unwrap(measured[:, 2]), same.yaw, atol=1e-5)
 
 
-@pytest.mark.parametrize("written", [None, 0.0005, 0.001, 0.0025, 0.005])
-@pytest.mark.parametrize("name", ["thesis-lab", "husky-tile", "husky", "jackal"])
+@pytest.mark.parametrize(
+    ("written", "name"),
+    [
+        # robots are shared out, and in the slow tests each has all steps
+        pytest.param(written, name, marks=[pytest.mark.slow] * ((i - k) % 4 > 0))
+        for i, written in enumerate((None, 0.0005, 0.001, 0.0025, 0.005))
+        for k, name in enumerate(("thesis-lab", "husky-tile", "husky", "jackal"))
+    ],
+)
 def test_an_mjcf_holds_up_to_the_step_that_it_says(name: str, written: float | None) -> None:
     """To 5 mm at the end of trajectory 4, from the plant at its own step.
 

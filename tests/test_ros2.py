@@ -563,9 +563,14 @@ def fields_of(message: Any) -> Any:
 @pytest.mark.parametrize(
     ("change", "reliable", "why"),
     [
-        (None, False, ""),
+        pytest.param(None, False, "", marks=pytest.mark.slow),
         (nowhere, True, r"no feedback that can be used for .* position\.x is nan"),
-        (and_another, False, r"the pose jumped, or stayed behind, by 0\.7\d m"),
+        pytest.param(
+            and_another,
+            False,
+            r"the pose jumped, or stayed behind, by 0\.7\d m",
+            marks=pytest.mark.slow,
+        ),
         (and_a_camera, True, ""),
     ],
 )

@@ -31,7 +31,7 @@ def drive(profile: str, name: str = "mpc", faults: Faults | None = None) -> Driv
     robot = robot_of(profile)
     law, _ = chosen_controller(name, load_profile(profile))
     law = law.on(robot.drive)
-    return drive_with_faults(robot.body, law, circle(0.4), faults)
+    return drive_with_faults(robot.body, law, circle(0.4, turns=0.6), faults)
 
 
 @pytest.mark.parametrize("profile", PROFILES)

@@ -202,7 +202,12 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> floa
 
 @pytest.mark.parametrize(
     ("trajectory", "limit", "stiffness"),
-    [("traj4", 30.0, 1e6), ("traj4", 7.0, 500.0), ("traj4", 7.0, np.inf), ("traj1", 10.0, 1900.0)],
+    [
+        pytest.param("traj4", 30.0, 1e6, marks=pytest.mark.slow),
+        ("traj4", 7.0, 500.0),
+        ("traj4", 7.0, np.inf),
+        pytest.param("traj1", 10.0, 1900.0, marks=pytest.mark.slow),
+    ],
 )
 def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(
     trajectory: str, limit: float, stiffness: float, lab: Profile

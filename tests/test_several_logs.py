@@ -144,6 +144,7 @@ def test_a_profile_is_a_prior_that_a_silent_log_does_not_move(
     assert after.spread == before.spread
 
 
+@pytest.mark.usefixtures("one_start")
 def test_four_days_tell_how_much_a_body_differs_from_day_to_day(
     logs: list[Path], tmp_path: Path
 ) -> None:
@@ -266,6 +267,7 @@ def test_numbers_follow_samples_as_they_come(logs: list[Path]) -> None:
     assert numbers.y_r == pytest.approx(BODY["y_r"], abs=0.02)
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_bound_that_is_hit_is_moved_once_and_named(tmp_path: Path) -> None:
     """A localiser that is 1.3 s late lies beyond the usual bounds, of 1 s."""
     late = drive(tmp_path, "late", {**BODY, "position_late": 1.3, "yaw_late": 1.3}, 5)

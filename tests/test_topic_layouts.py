@@ -26,7 +26,6 @@ from validation.files.bags import read_bag
 from validation.files.columns import column_of
 from validation.files.log import PLAIN
 from validation.fit import fit
-from validation.identify import search
 
 WHEELS = "/joint_states"
 COMMANDS = "/cmd_vel"
@@ -133,6 +132,7 @@ def test_a_column_lies_in_its_group(answer: tuple[Path, guarded.Answer], topics:
         assert log.group_of(list(group.columns)) is group
 
 
+@pytest.mark.usefixtures("one_start")
 @pytest.mark.parametrize("name", READERS)
 def test_a_program_takes_a_layout_or_says_what_it_lacks(
     answer: tuple[Path, guarded.Answer],
@@ -142,9 +142,6 @@ def test_a_program_takes_a_layout_or_says_what_it_lacks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    # where a fit ends is another test's question
-    starts = {method: min(most, 1) for method, most in search.STARTS_OF.items()}
-    monkeypatch.setattr(search, "STARTS_OF", starts)
     reader = READERS[name]
     has_all = not reader.inputs or (topics & {*reader.inputs} and topics & {*POSES})
     status = exit_status(reader.program, *reader.options, str(answer[0]))

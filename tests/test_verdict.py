@@ -18,6 +18,8 @@ from validation.identify.uncertainty import usual_spread
 from validation.identify.verdict import divide_logs, is_better
 from validation.plants.searchable import make_space
 
+pytestmark = pytest.mark.usefixtures("one_start")
+
 OPTIONS: dict[str, Any] = {"profile": BARE, "plants": ("kinematic",)}
 
 

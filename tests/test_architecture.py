@@ -433,11 +433,12 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        70_000,
+        72_000,
         66,
         266,
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on; "
-        "a plan that keeps to its path where time is uncertain",
+        "a plan that keeps to its path where time is uncertain; paths that are driven backwards "
+        "and turn on the spot, each refused to the laws that cannot follow it",
     ),
     "validation/cli": Price(
         7_000,
@@ -508,12 +509,13 @@ PRICES = {
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
-        17_500,
+        17_550,
         5,
         37,
         "the robot and its controller on a ROS 2 graph, also along paths in a frame, of "
-        "files or nav_msgs/Path, wherever /tf says that the odometry is; a supervisor names what "
-        "is wrong with it, and a robot that was held waits for a confirmation",
+        "files or nav_msgs/Path, backwards where their poses say so, wherever /tf "
+        "says that the odometry is; a supervisor names what is wrong with it, and a "
+        "robot that was held waits for a confirmation",
     ),
     "validation/simulator": Price(
         22_530,

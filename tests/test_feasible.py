@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from ssmr.control.feasible import DEVIATION, MotionLimits, _path_times, make_feasible
+from ssmr.control.feasible import (
+    DEVIATION,
+    MotionLimits,
+    _path_times,
+    make_feasible,
+    require_manoeuvres,
+)
+from ssmr.control.laws import LAWS
 from ssmr.control.references import circle, eight, stop_and_go
 from ssmr.control.waypoints import Waypoints, step_lengths
 from ssmr.types import FloatArray
@@ -188,15 +196,63 @@ def test_waits_stay_and_every_leg_begins_and_ends_at_rest() -> None:
         ([[0.0, 0.0], [0.5, 0.0], [1.5, 0.0], [1.5, 0.02], [0.0, 0.02]], 3),
     ],
 )
-def test_a_path_that_turns_back_is_refused_by_its_waypoint(
+def test_a_path_that_turns_back_turns_on_the_spot_at_its_waypoint(
     corners: list[list[float]], number: int
 ) -> None:
-    with pytest.raises(ValueError, match=rf"waypoint {number}: the path turns back"):
-        make_feasible(Waypoints.from_path(corners, 0.4), LIMITS)
+    path = make_feasible(Waypoints.from_path(corners, 0.4), LIMITS)
+    place = corners[number - 1]
+    standing = path.xy[1:][~path.moving]
+    assert standing == pytest.approx(np.broadcast_to(place, standing.shape), abs=1e-12)
+    assert distances(path.xy, np.array(corners)).max() <= DEVIATION
+    law = replace(LAWS["pid"], manoeuvres=())
+    x, y = place
+    with pytest.raises(
+        ValueError, match=rf"waypoint {number}: .* turn on the spot at \({x:g}, {y:g}\) m"
+    ):
+        require_manoeuvres(Waypoints.from_path(corners, 0.4), law)
 
 
-def test_a_turn_on_the_spot_is_refused() -> None:
-    t = [0.0, 3.0, 5.0, 8.0]
-    asked = Waypoints(t, [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
-    with pytest.raises(ValueError, match="waypoint 3: the path turns on the spot, by 90 degrees"):
-        make_feasible(asked, LIMITS)
+@pytest.mark.parametrize("wait", [0.5, 20.0])
+@pytest.mark.parametrize("turn", [-3.0, -0.4, 0.05, 1.6, 3.1])
+@pytest.mark.parametrize("limits", [LIMITS, FREE])
+def test_a_turn_on_the_spot_keeps_its_limits(
+    turn: float, wait: float, limits: MotionLimits
+) -> None:
+    ahead = [math.cos(turn), math.sin(turn)]
+    t = [0.0, 3.0, 3.0 + wait, 6.0 + wait]
+    path = make_feasible(Waypoints(t, [[-1.0, 0.0], [0.0, 0.0], [0.0, 0.0], ahead]), limits)
+    assert path.yaw is not None
+    still = np.flatnonzero(~path.moving)
+    first, last = still[0], still[-1] + 1
+    assert path.yaw[last] - path.yaw[first] == pytest.approx(turn, abs=1e-9)
+    assert path.t[last] - path.t[first] >= wait - 1e-9
+    rates = np.diff(path.yaw) / np.diff(path.t)
+    middles = 0.5 * (path.t[1:] + path.t[:-1])
+    slopes = np.diff(rates) / np.diff(middles)
+    assert np.abs(rates[first:last]).max() <= limits.yaw_rate * 1.001
+    assert np.abs(slopes[first : last - 1]).max() <= limits.yaw_acceleration * 1.001
+    # it turns after it has settled, and is no slower than it must be
+    turning = path.t[1:][np.abs(rates) > 1e-6]
+    turning = turning[(turning > path.t[first]) & (turning <= path.t[last])]
+    if limits is LIMITS:
+        fastest = 2.0 * math.sqrt(abs(turn) / limits.yaw_acceleration)
+        fastest = max(fastest, abs(turn) / limits.yaw_rate + limits.yaw_rate / 0.85)
+        assert turning[-1] - turning[0] <= fastest + 0.02
+
+
+@pytest.mark.parametrize("name", ["square", "zigzag", "grid"])
+def test_a_path_driven_backwards_has_the_places_and_times_of_forwards(name: str) -> None:
+    corners = along(PATHS[name], 0.2)
+    ways = np.diff(corners, axis=0)
+    yaw = np.arctan2(ways[:, 1], ways[:, 0])
+    forwards = make_feasible(Waypoints.from_path(corners, 0.4, np.append(yaw[0], yaw)), LIMITS)
+    yaw += math.pi
+    backwards = make_feasible(Waypoints.from_path(corners, 0.4, np.append(yaw[0], yaw)), LIMITS)
+    assert np.array_equal(backwards.t, forwards.t)
+    assert np.array_equal(backwards.xy, forwards.xy)
+    ahead = forwards.course()
+    back = backwards.course()
+    assert np.array_equal(back["v"], -ahead["v"])
+    assert back["w"] == pytest.approx(ahead["w"], abs=1e-9)
+    assert np.cos(back["heading"] - ahead["heading"]) == pytest.approx(-1.0)
+    assert make_feasible(backwards, LIMITS).backwards.all()

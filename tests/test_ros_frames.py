@@ -26,7 +26,7 @@ from validation.files.reading import FileError
 from validation.plants.profile import Profile
 from validation.ros import messages as msg
 from validation.ros.__main__ import PROGRAM
-from validation.ros.control import Control, ControlNode, _with_topics
+from validation.ros.control import Control, ControlNode, _waypoints_of, _with_topics
 from validation.ros.follower import PathFollower, StoppedError
 
 COMMAND = "/cmd_vel"
@@ -266,19 +266,39 @@ def test_a_file_names_its_frame(tmp_path: Path) -> None:
 
 def path_message(xy: np.ndarray[Any, Any], frame: str = "map") -> Any:
     """Return a nav_msgs/Path."""
-    poses = [msg.pose_message(0.0, "", np.array([*at, 0.0])) for at in xy]
+    poses = [msg.pose_message(0.0, "", np.resize([*at, 0.0], 3)) for at in xy]
     return message(
         {"header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}, "poses": poses}
     )
 
 
 def test_places_of_a_path_are_read_or_refused() -> None:
-    frame, xy = msg.read_path(path_message(np.array([[0, 0], [1, 0], [1, 0], [1, 2]]), "/map"))
+    frame, poses = msg.read_path(path_message(np.array([[0, 0], [1, 0], [1, 0], [1, 2]]), "/map"))
     assert frame == "map"
-    assert xy.tolist() == [[0, 0], [1, 0], [1, 2]]
+    assert poses[:, :2].tolist() == [[0, 0], [1, 0], [1, 2]]
     for bad in (np.zeros((0, 2)), np.zeros((3, 2)), np.array([[0.0, 0.0], [math.nan, 1.0]])):
         with pytest.raises(ValueError, match=r"two places|is nan"):
             msg.read_path(path_message(bad))
+
+
+@pytest.mark.parametrize(
+    ("yaws", "backwards"),
+    [
+        ([math.pi, math.pi, 3.0], [False, False]),  # one for all but the goal
+        ([3.1, 3.2, 3.2], [True, True]),
+        ([0.0, 0.1, 3.2], [False, False]),  # nobody knows
+        ([0.0, 0.1, 0.0], [False, False]),
+        ([0.0, 1.5, 0.0], [False, False]),  # across
+    ],
+)
+def test_a_path_is_driven_backwards_where_its_poses_say_so(
+    yaws: list[float], backwards: list[bool]
+) -> None:
+    xy = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    _, poses = msg.read_path(path_message(np.column_stack([xy, yaws])))
+    path = _waypoints_of(poses)
+    assert path.xy.tolist() == xy.tolist()
+    assert path.backwards.tolist() == backwards
 
 
 @pytest.mark.parametrize("kind", ["file", "topic"])

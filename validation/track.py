@@ -74,7 +74,8 @@ class TrackOptions(cli.Filmed):
     reference: tyro.conf.Positional[Waypoints | str | Path]
     """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn,
     stop-and-go, long-line, each also with its speed, as eight@0.5; or a file of waypoints (.csv: x,
-    y[, t]). Waypoints at one place are a wait."""
+    y[, t][, yaw]). Waypoints at one place are a wait. It is driven backwards where the yaw [rad] is
+    against the way."""
     plant: Sequence[str] = ("improved",)
     """Plant that is the robot. Several, separated by commas, are driven one beside the other; the
     first one is the one that track.json reports."""
@@ -168,8 +169,8 @@ def track(o: TrackOptions) -> Tracked:
 
     Raises:
         LostError: a robot was lost before its first tick.
-        ValueError: an unknown name, a file that cannot be read, a reference that no wheel can
-            follow, or values that do not go together.
+        ValueError: an unknown name, a file that cannot be read, a reference that the law
+            cannot follow, or values that do not go together.
     """
     plants = tuple(o.plant)
     if not 1 <= len(set(plants)) == len(plants) <= MOST_BESIDE:
@@ -187,7 +188,7 @@ def track(o: TrackOptions) -> Tracked:
     robots = [make_robot(profile, name, terrain, o.late) for name in plants]
     sentences: list[str | None] = []
     path = o.reference if isinstance(o.reference, Waypoints) else str(o.reference)
-    label, waypoints, sentences[:] = open_path(path, o.speed, robots)
+    label, waypoints, sentences[:] = open_path(path, o.speed, robots, law)
     if not sentences:
         sentences = [demand_of(waypoints, robot, profile.name, label) for robot in robots]
     if gains is not None:

@@ -155,7 +155,7 @@ class Tune(Searching):
         for name, speed in references:
             for robot in robots:
                 v = self.speed if speed is None else speed
-                label, waypoints, _ = open_path(name, v, [robot])
+                label, waypoints, _ = open_path(name, v, [robot], LAWS[self.controller])
                 around = replace(loop, filter=odometry_of(robot.drive))
                 title = f"{label} at {waypoints.speed:.3g} m/s, {robot.name}"
                 out.append(TuneCase(title, name, waypoints, robot, around))

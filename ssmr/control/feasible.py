@@ -19,19 +19,26 @@ limits. With x = v^2 and a = x' / 2 these are linear in x and a at each place,
 
 so a pass from the end finds the greatest x from which the rest can be driven, and a pass from the
 start takes the most of it (H. Pham, Q.-C. Pham, IEEE Trans. Robot. 34, 2018).
+
+A path has several legs, each smoothed alone, where it turns back, waits, or goes on backwards or
+forwards. Between two of them the robot turns on the spot, as fast as the limits let it.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ssmr._jit import jit_alone
-from ssmr.control.waypoints import Waypoints, step_lengths
+from ssmr.control.law import REVERSAL, SPOT_TURN, Law
+from ssmr.control.laws import LAWS, AnyController
+from ssmr.control.waypoints import TURNS_BACK, Waypoints, step_lengths
+from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
 
 DEVIATION = 0.05
@@ -42,11 +49,14 @@ _STEP = 0.001
 """Arc length of the polyline from waypoint to waypoint of a feasible path [m]."""
 _MOST = 100_000
 """Greatest number of them: the steps of a longer path are longer."""
-_TURNS_BACK = math.cos(math.radians(75.0))
-"""A smoothed path that advances by less than this share of the polyline turns back: at a lone
-corner the share is cos(a / 2), so this is a turn by more than 150 degrees."""
 _TURN_AT_STOP = math.radians(30.0)
-"""Greatest change of direction at a wait [rad], which a corner of the path can hide."""
+"""Greatest turn on the spot that every law can follow [rad]: corners of paths are as sharp."""
+_TURN_STEP = 0.01
+"""Time between the waypoints of a turn on the spot [s]."""
+_SETTLING = 2.0
+"""Wait before it, in which a robot comes to its place: no wheel moves it there from aside [s]."""
+_NO_TURN = 1e-6
+"""Angle that is no turn [rad]."""
 _STRAIGHT = 1e-9
 """Curvature [1/m] and its slope [1/m^2] below which nothing is limited."""
 _AS_FAST = 0.999
@@ -62,44 +72,134 @@ class MotionLimits(NamedTuple):
     yaw_acceleration: float  # [rad/s^2]
 
 
+class _PathLeg(NamedTuple):
+    """A part of a path without a stop, and what comes before it."""
+
+    waypoints: NDArray[np.intp]  # their numbers; a lone one where the path ends at rest
+    pause: float  # wait before it [s]
+    turn: float  # turn on the spot before it, to the left [rad]
+
+
+def _split_path(waypoints: Waypoints) -> list[_PathLeg]:
+    """Return the legs of a path, each as far as it goes on without a stop."""
+    legs = []
+    headings = waypoints.headings
+    heading = waypoints.start.yaw
+    pause = turn = 0.0
+    senses = np.where(waypoints.backwards, -1, waypoints.moving)
+    changes = np.flatnonzero(np.diff(senses)) + 1
+    for run in np.split(np.arange(len(senses)), changes):
+        leg = np.append(run, run[-1] + 1)
+        if not senses[run[0]]:
+            pause = float(waypoints.t[leg[-1]] - waypoints.t[leg[0]])
+            if waypoints.yaw is not None:
+                turn = float(np.unwrap([heading, *waypoints.yaw[leg]])[-1]) - heading
+            continue
+        for part in _split_leg(waypoints, leg):
+            turn += float(wrap_angle(headings[part[0]] - heading - turn))
+            legs.append(_PathLeg(part, pause, turn))
+            pause = turn = 0.0
+            heading = float(headings[part[-1] - 1])
+    if pause > 0.0:
+        legs.append(_PathLeg(leg[-1:], pause, turn))
+    return legs
+
+
+def require_manoeuvres(waypoints: Waypoints, law: Law | AnyController) -> set[str]:
+    """Return the manoeuvres of a path; refuse one that the law is not declared to follow.
+
+    Raises:
+        ValueError: the law cannot; the message says where, and which laws can.
+    """
+    found = dict[str, int]()
+    for leg in _split_path(waypoints):
+        first = int(leg.waypoints[0])
+        if abs(leg.turn) > _TURN_AT_STOP:
+            found.setdefault(SPOT_TURN, first)
+        if len(leg.waypoints) > 1 and waypoints.backwards[first]:
+            found.setdefault(REVERSAL, first)
+    for manoeuvre, k in found.items():
+        if manoeuvre not in law.manoeuvres:
+            x, y = waypoints.xy[k]
+            able = ", ".join(name for name, known in LAWS.items() if manoeuvre in known.manoeuvres)
+            raise ValueError(
+                f"waypoint {k + 1}: the path asks the robot to {manoeuvre} at "
+                f"({x:.6g}, {y:.6g}) m, which {law.name} cannot do; these can: {able}"
+            )
+    return set(found)
+
+
 def make_feasible(waypoints: Waypoints, limits: MotionLimits, at_rest: bool = True) -> Waypoints:
     """Return a path near these waypoints that keeps the limits, and is never faster than they are.
 
-    Waits stay as long as they are. With `at_rest` each leg between waits begins and ends at rest;
-    without, at any speed.
-
-    Raises:
-        ValueError: the path turns back, or turns at a wait; the message counts waypoints from 1.
+    Waits stay as long as they are, or as a turn on the spot takes. With `at_rest` each leg begins
+    and ends at rest; without, at any speed.
     """
+    return _join_legs(waypoints, limits, lambda leg: _leg_samples(waypoints, leg, limits, at_rest))
+
+
+def turn_in_waits(waypoints: Waypoints, limits: MotionLimits) -> Waypoints:
+    """Return a reference whose target turns on the spot within the limits, and not at once.
+
+    Its legs stay as they are. Waits stay as long as they are, or as a turn takes.
+    """
+    t = waypoints.t
+    return _join_legs(waypoints, limits, lambda leg: (t[leg] - t[leg[0]], waypoints.xy[leg]))
+
+
+def _join_legs(
+    waypoints: Waypoints,
+    limits: MotionLimits,
+    sample_leg: Callable[[NDArray[np.intp]], tuple[FloatArray, FloatArray]],
+) -> Waypoints:
+    """Return legs, as `sample_leg` gives times and places of each, with the turns between them."""
     times = [np.zeros(1)]
     places = [waypoints.xy[:1]]
-    heading = float(waypoints.headings[0])
-    waits = np.flatnonzero(~waypoints.moving)
-    for leg in np.split(np.arange(len(waypoints)), waits + 1):
-        first = int(leg[0])
-        if first > 0:
-            pause = waypoints.t[first] - waypoints.t[first - 1]
-            times.append(times[-1][-1:] + pause)
-            places.append(places[-1][-1:])
-        if len(leg) < 2:
-            continue
-        turn = abs(float(waypoints.headings[first]) - heading)
-        if turn > _TURN_AT_STOP:
-            raise ValueError(
-                f"waypoint {first + 1}: the path turns on the spot, by {math.degrees(turn):.0f} "
-                "degrees; lead it round the corner, or end it there and begin another"
-            )
-        heading = float(waypoints.headings[leg[-1] - 1])
-        t, xy = _leg_samples(waypoints, leg, limits, at_rest)
-        times.append(times[-1][-1] + t[1:])
-        places.append(xy[1:])
-    return Waypoints(np.concatenate(times), np.concatenate(places))
+    yaws = [np.array([waypoints.start.yaw])]
+    for leg in _split_path(waypoints):
+        t, angles = _turn_samples(leg.turn, limits)
+        if leg.pause > t[-1]:
+            t = np.append(t, leg.pause)
+            angles = np.append(angles, angles[-1])
+        if len(t) > 1:
+            times.append(times[-1][-1] + t[1:])
+            places.append(np.repeat(places[-1][-1:], len(t) - 1, axis=0))
+            yaws.append(yaws[-1][-1] + angles[1:])
+        if len(leg.waypoints) > 1:
+            t, xy = sample_leg(leg.waypoints)
+            times.append(times[-1][-1] + t[1:])
+            places.append(xy[1:])
+            dx, dy = np.diff(xy, axis=0).T
+            turned_round = math.pi * waypoints.backwards[leg.waypoints[0]]
+            yaws.append(np.arctan2(dy, dx) + turned_round)
+    return Waypoints(np.concatenate(times), np.concatenate(places), np.concatenate(yaws))
 
 
-def _leg_samples(
-    waypoints: Waypoints, leg: NDArray[np.intp], limits: MotionLimits, at_rest: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Return times [s], from zero, and (M, 2) places [m] of waypoints `leg` without a wait."""
+def _turn_samples(turn: float, limits: MotionLimits) -> tuple[FloatArray, FloatArray]:
+    """Return (M,) times [s] and angles [rad], from zero, of a turn on the spot."""
+    size = abs(turn)
+    if size < _NO_TURN:
+        return np.zeros(1), np.zeros(1)
+    rate = min(limits.yaw_rate, math.sqrt(size * limits.yaw_acceleration), size / _TURN_STEP)
+    duration = size / rate + rate / limits.yaw_acceleration
+    t = np.linspace(0.0, duration, math.ceil(duration / _TURN_STEP) + 1)
+    middles = 0.5 * (t[1:] + t[:-1])
+    ramps = limits.yaw_acceleration * np.minimum(middles, duration - middles)
+    angles = np.cumulative_sum(np.minimum(ramps, rate), include_initial=True)
+    return np.append(0.0, _SETTLING + t), np.append(0.0, angles * (turn / angles[-1]))
+
+
+class _Line(NamedTuple):
+    """Samples of the polyline through the waypoints of a leg."""
+
+    s: FloatArray  # (M,) arc lengths [m]
+    along: FloatArray  # those of the waypoints
+    xy: FloatArray  # (M, 2) places [m]
+    widths: range  # of kernels, in samples
+    widest: int  # the first of them that leaves the line by more than it may
+
+
+def _sample_line(waypoints: Waypoints, leg: NDArray[np.intp]) -> _Line:
     corners = waypoints.xy[leg]
     along = np.cumulative_sum(waypoints.lengths[leg[:-1]], include_initial=True)
     length = float(along[-1])
@@ -107,8 +207,6 @@ def _leg_samples(
     count = max(2, math.ceil(steps - 1e-6))  # rounding adds no step
     s = np.linspace(0.0, length, count + 1)
     line = np.column_stack([np.interp(s, along, corners[:, 0]), np.interp(s, along, corners[:, 1])])
-    segments = np.searchsorted(along[1:-1], 0.5 * (s[1:] + s[:-1]))
-    speeds = np.minimum(waypoints.segment_speeds[leg[:-1]], limits.speed)[segments]
     # a kernel of four boxes of m samples ends at 2 (m - 1) of them
     widths = range(1, 2 + min(round(0.5 * _WIDEST / s[1]), count // 2))
 
@@ -116,16 +214,31 @@ def _leg_samples(
         off = _smooth_line(line, m) - line
         return bool(np.max(np.hypot(off[:, 0], off[:, 1])) > DEVIATION)
 
-    widest = bisect_left(widths, True, key=too_far)
-    path = _smooth_line(line, widest)
-    lengths = step_lengths(path)
+    return _Line(s, along, line, widths, bisect_left(widths, True, key=too_far))
+
+
+def _split_leg(waypoints: Waypoints, leg: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return the parts of a leg, divided where the smoothed path turns back.
+
+    It advances by less than `TURNS_BACK` of the polyline there: at a lone corner the share is
+    cos(a / 2), so this is a turn by more than 150 degrees.
+    """
+    line = _sample_line(waypoints, leg)
+    lengths = step_lengths(_smooth_line(line.xy, line.widest))
     k = int(np.argmin(lengths))
-    if lengths[k] < _TURNS_BACK * s[1]:
-        turn = int(leg[np.argmin(np.abs(along - s[k]))]) + 1
-        raise ValueError(
-            f"waypoint {turn}: the path turns back there, and it is driven forwards; "
-            "turn in a bend, or end it there and begin another"
-        )
+    if len(leg) < 3 or lengths[k] >= TURNS_BACK * line.s[1]:
+        return [leg]
+    corner = 1 + int(np.argmin(np.abs(line.along[1:-1] - line.s[k])))
+    return [*_split_leg(waypoints, leg[: corner + 1]), *_split_leg(waypoints, leg[corner:])]
+
+
+def _leg_samples(
+    waypoints: Waypoints, leg: NDArray[np.intp], limits: MotionLimits, at_rest: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return times [s], from zero, and (M, 2) places [m] of waypoints `leg` without a wait."""
+    s, along, line, widths, widest = _sample_line(waypoints, leg)
+    segments = np.searchsorted(along[1:-1], 0.5 * (s[1:] + s[:-1]))
+    speeds = np.minimum(waypoints.segment_speeds[leg[:-1]], limits.speed)[segments]
 
     def timed(m: int) -> tuple[FloatArray, FloatArray, float]:
         path = _smooth_line(line, m)

@@ -12,6 +12,10 @@ from ssmr._jit import jit
 from ssmr.parameters import check_parameters
 from ssmr.types import FloatArray
 
+REVERSAL = "drive backwards"
+SPOT_TURN = "turn on the spot"
+"""Manoeuvres that not every law can follow."""
+
 Matrix = tuple[tuple[float, ...], ...]
 """Rows of a matrix, immutable."""
 
@@ -103,6 +107,8 @@ class Law:
     velocity_step: Callable[..., tuple[Memory, Command]] = hold_memory
     """Kernel `(row, memory, seen, dt)` of the velocity loop; returns the next memory and the
     command."""
+    manoeuvres: tuple[str, ...] = ()
+    """`REVERSAL` and `SPOT_TURN`, if it can follow a path with them."""
     population: int = 50
     """Default number of candidates in a generation of a tuning."""
     generations: int = 150

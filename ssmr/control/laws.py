@@ -61,6 +61,11 @@ class Controller:
         return plain + PREDICTOR if self.predictor else plain
 
     @property
+    def manoeuvres(self) -> tuple[str, ...]:
+        """What the law can follow beside bends, see `Law.manoeuvres`."""
+        return LAWS[self.name].manoeuvres
+
+    @property
     def number(self) -> int:
         """Place of the law in `PLAIN_CONTROLLERS`, by which the compiled loops know it."""
         kinds = [law.gains for law in _PLAIN.values()]
@@ -165,9 +170,10 @@ def design_controller(
     rows_a = tuple(map(tuple, np.asarray(a).tolist()))
     rows_b = tuple(map(tuple, np.asarray(b).tolist()))
     driver = drive or Drive()
-    make = LAWS[name].make
-    if make is not None:
-        return PythonController(name, partial(make, gains), rows_a, rows_b, driver)
+    declared = LAWS[name]
+    if declared.make is not None:
+        make = partial(declared.make, gains)
+        return PythonController(name, make, rows_a, rows_b, driver, declared.manoeuvres)
     law = Controller(gains, rows_a, rows_b, driver, name.endswith(PREDICTOR))
     law.packed()
     return law

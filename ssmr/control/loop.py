@@ -177,8 +177,14 @@ def make_trackers(
     `seeds` are taken in turn; they draw what the filters took for the gyro's bias.
 
     Raises:
-        ValueError: no regulator exists for a controller's weights.
+        ValueError: no regulator exists for a controller's weights, or a robot shall keep behind a
+            target that drives backwards.
     """
+    if any(around.lookahead for around in settings) and waypoints.backwards.any():
+        raise ValueError(
+            "lookahead keeps the robot behind its target, which is ahead of it where it is driven "
+            "backwards; leave it out on this path"
+        )
     period = clock.velocity * clock.dt
     course = waypoints.course()
     models = []

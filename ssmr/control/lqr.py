@@ -15,8 +15,9 @@ omega_r), about v = v_r, omega = omega_r:
 
 with speed and yaw rate by the linear model (Eq. 2.46). The lateral part depends on v_r: at rest e_y
 is out of reach, and one gain for all speeds is either sluggish or nervous. K_y and K_alpha, set by
-hand in the thesis, come out of the Riccati equation. Feedforward holds (v_r, omega_r) where the
-errors are zero; an integral of e_rho takes what the model leaves out.
+hand in the thesis, come out of the Riccati equation. Backwards, -e_y stands for e_y: then the
+equations are those of the same speed forwards. Feedforward holds (v_r, omega_r) where the errors
+are zero; an integral of e_rho takes what the model leaves out.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.control.law import Gains, Law, Memory, Observation
+from ssmr.control.law import REVERSAL, SPOT_TURN, Gains, Law, Memory, Observation
 from ssmr.control.waypoints import Errors, Target
 from ssmr.parameters import parameter
 from ssmr.types import FloatArray
@@ -151,6 +152,7 @@ LAW = Law(
     searched=("q_x", "q_v", "q_yaw", "q_w", "r_v", "r_w"),
     generations=300,
     k_u=50.0,
+    manoeuvres=(SPOT_TURN,),
 )
 
 
@@ -232,7 +234,8 @@ def _regulate_at_speed(
     k = row[3:53].reshape(10, 5)  # of e_rho, v, e_y, e_alpha, omega at the operating speeds
     speed = target.v
     along = (errors.rho + memory.i_rho, seen.v - speed)
-    across = (errors.y, errors.alpha, seen.w - target.w)
+    offset = -errors.y if speed < 0.0 else errors.y
+    across = (offset, errors.alpha, seen.w - target.w)
     v = steady_v * speed
     w = steady_w * target.w
     # numba compiles a function once for each literal number that it is called with
@@ -249,4 +252,5 @@ SCHEDULED_LAW = Law(
     ScheduledGains,
     _regulate_at_speed,
     searched=("q_x", "q_y", "q_alpha", "q_v", "q_w", "r_w"),
+    manoeuvres=(REVERSAL, SPOT_TURN),
 )

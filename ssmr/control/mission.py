@@ -116,6 +116,8 @@ class PythonController:
     """(4, 2) of the linear model."""
     drive: Drive = field(default_factory=Drive)
     """The driver between command and wheels, as the controller knows it."""
+    manoeuvres: tuple[str, ...] = ()
+    """What it can follow beside bends, see `ssmr.control.law.Law`."""
     predictor: ClassVar[bool] = True
     number: ClassVar[int] = 0
 

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.control.law import Gains, Law, Observation
+from ssmr.control.law import REVERSAL, SPOT_TURN, Gains, Law, Observation
 from ssmr.control.mission import ControllerInput, Mission
 from ssmr.control.predictor import DriverEstimate, PredictorModel
 from ssmr.geometry import wrap_angle
@@ -56,6 +56,8 @@ as much."""
 _CLOCK_SPEED = 0.03
 """Speed by which the clock draws the place on the path along where the robot does not say it
 [m/s]."""
+_SLOWER = 1.0 - 1e-6
+"""Share of a target's speed below which it is slower: not by rounding [1]."""
 _JUMP = 0.6
 """Greatest change of that place from one command to the next, but for its motion [s]."""
 _KEPT = 2.0
@@ -226,8 +228,8 @@ def _condense_plan(
     s = s[:, None]
     slope_along = c * slopes[0] + s * slopes[1]
     slope_across = c * slopes[1] - s * slopes[0]
-    # nothing moves a robot aside where its target stands
-    moves = steady[1:, :1] != 0.0
+    # nothing moves a robot aside where its target stands; mean headings turn by rounding
+    moves = np.abs(steady[1:]).max(axis=1, keepdims=True) > 1e-9
     terms = [
         (gains.q_along, error_along, slope_along),
         (gains.q_across * moves, error_across, slope_across),
@@ -287,7 +289,7 @@ class Mpc:
         steps_w = [step_of(model.rate_w, model.push_w, model.lag, h) for h in lengths]
         self._model = (_step_responses(steps_v), _step_responses(steps_w))
         course = mission.waypoints.course()
-        fastest = float(course["v"].max())
+        fastest = float(np.abs(course["v"]).max())
         self._limits = np.array([model.v_max, model.w_max])
         self._limits[0] = min(model.v_max, (1.0 + _HASTE) * fastest * float(self._steady[0]))
         accelerations = np.minimum([model.acceleration_v, model.acceleration_w], 1e6)
@@ -299,6 +301,21 @@ class Mpc:
         headings = np.append(headings[0], headings)
         turned = headings * np.diff(self._times)
         self._turned = np.cumulative_sum(turned, include_initial=True)  # integral [rad s]
+        # a leg begins where the target goes back, by more than a right angle
+        moves = course[course["v"] != 0.0]
+        ways = np.sign(moves["v"]) * np.exp(1j * moves["heading"])
+        back = (ways[1:] * ways[:-1].conj()).real < 0.0
+        self._legs = np.concatenate([[-math.inf], moves["t"][1:][back], [math.inf]])
+        # from when on the target slows down until it rests or goes back; half a plan before it
+        # goes back at once, because the plan goes back earlier
+        sizes = np.abs(course["v"])
+        stands = (sizes == 0.0) | np.isin(course["t"], self._legs)
+        at = 1 + np.flatnonzero(stands[1:] & (sizes[:-1] > 0.0))
+        slower = np.append(False, sizes[1:] < sizes[:-1] * _SLOWER)
+        fastest_at = np.maximum.accumulate(np.where(slower, 0, np.arange(len(course))))
+        slows = course["t"][np.minimum(fastest_at[at - 1] + 1, at)]
+        self._rests = course["t"][at]
+        self._brakes = np.minimum(slows, self._rests - 0.5 * ends[-1] * (sizes[at] > 0.0))
         self._steps = np.eye(2 * n) - np.eye(2 * n, k=-2)
         self._solver: Any = daqp.Model()
         self._plan: FloatArray | None = None
@@ -339,18 +356,22 @@ class Mpc:
         The plan begins at the place of the path that is nearest to the robot when the command acts,
         wherever the clock's target is, and goes on from there by the path's speeds. The clock is a
         wish: a robot behind it is faster, as far as the path's bends let it, and as time is
-        certain.
+        certain. It alone leads where the path slows down to rest, or to go back: a robot that
+        stands there is at no place of a target that brakes, and near two legs at once.
         """
         at = now.acts_at
         place = at
         if math.isfinite(self._place):
             place = self._place + self._rate * (at - self._acted_at)
         aim = self._mission.target(place)
+        leg = int(np.searchsorted(self._legs, place, side="right"))
         dx = now.ahead.x - aim.x
         dy = now.ahead.y - aim.y
         along = dx * math.cos(aim.heading) + dy * math.sin(aim.heading) + self._mission.lookahead
-        step = along * aim.v / (aim.v**2 + _CLOCK_SPEED**2)
+        braking = np.any((self._brakes <= place) & (place < self._rests))
+        step = 0.0 if braking else along * aim.v / (aim.v**2 + _CLOCK_SPEED**2)
         place += min(max(step, -_JUMP), _JUMP)
+        place = min(max(place, float(self._legs[leg - 1])), float(self._legs[leg]))
         self._place = place
         self._acted_at = at
         bend = float(np.abs(self._mission.preview(place + self._edges)[:, 4]).max())
@@ -373,15 +394,16 @@ class Mpc:
         aims = self._mission.preview(times)[:, :3]
         dx, dy = np.diff(aims[:, :2], axis=0).T
         chords = np.hypot(dx, dy)
-        speeds = np.column_stack([chords, np.diff(headings)]) / self._lengths[:, None]
+        forwards = np.sign(dx * np.cos(headings[1:]) + dy * np.sin(headings[1:]))
+        speeds = np.column_stack([forwards * chords, np.diff(headings)]) / self._lengths[:, None]
         steady = speeds * self._steady / (driver.gain_v, driver.gain_w)
         steady = np.clip(steady, -self._limits, self._limits)
         directions = np.column_stack([np.cos(headings), np.sin(headings)])
         aims[:, :2] -= self._mission.lookahead * directions
         aims[:, 2] = headings
         # A robot that slips goes round bends at an angle.
-        aside = driver.slip * speeds[:, 1]
-        aims[1:, 2] -= aside / np.maximum(speeds[:, 0], _SLOWEST)
+        aside = driver.slip * speeds[:, 1] * forwards
+        aims[1:, 2] -= aside / np.maximum(np.abs(speeds[:, 0]), _SLOWEST)
         plan = steady[1:]
         if self._plan is not None:  # the last one, one period later: of each long step half is over
             later = np.vstack([self._plan[1:], self._plan[-1:]])
@@ -442,4 +464,5 @@ LAW = Law(
     population=24,
     generations=20,
     make=Mpc,
+    manoeuvres=(REVERSAL, SPOT_TURN),
 )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssmr._jit import jit, named_like
-from ssmr.control.law import Command, Gains, Law, Memory, Observation
+from ssmr.control.law import SPOT_TURN, Command, Gains, Law, Memory, Observation
 from ssmr.control.waypoints import Errors, Target
 from ssmr.parameters import pack_numbers, parameter
 from ssmr.types import FloatArray
@@ -129,4 +129,5 @@ LAW = Law(
     ),
     velocity_step=_velocity_loop,
     population=100,
+    manoeuvres=(SPOT_TURN,),
 )

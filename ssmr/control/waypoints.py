@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ssmr._jit import jit_alone, write_numbers
+from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray, State, Trajectory, frozen_array
 
 ALPHA_SWITCH = 0.4
@@ -24,6 +25,8 @@ _SAME_PLACE = 1e-9
 """Neighbouring waypoints no farther apart than this are one place, where the target waits [m]."""
 _SAME_TIME = 1e-9
 """Neighbouring waypoints no later than this are at one time, and give no speed [s]."""
+TURNS_BACK = math.cos(math.radians(75.0))
+"""A way does not go along a direction in which this share of it, or less, lies [1]."""
 _BRAKING_STEPS = 20
 _LARGEST_NUMBER = 1e12
 """Greatest coordinate [m] or time [s] that is believed: doubles lie 0.1 mm apart there."""
@@ -31,9 +34,10 @@ _LARGEST_NUMBER = 1e12
 
 _COURSE = np.dtype([(name, np.float64) for name in ("t", "x", "y", "heading", "v", "w")])
 """One waypoint as the kernels take it, in mission time: t [s], zero at the first waypoint; place x,
-y [m]; phi, heading of the segment that begins here [rad, unwrapped], at the end that of the segment
-before; v_ref, speed on the segment that begins here [m/s], zero at the end and where the target
-waits; w_ref, yaw rate at the waypoint [rad/s], zero at both ends and where the target waits."""
+y [m]; phi, the robot's heading on the segment that begins here [rad, unwrapped], at the end that on
+the segment before; v_ref, speed on the segment that begins here [m/s], negative where it is driven
+backwards, zero at the end and where the target waits; w_ref, yaw rate at the waypoint [rad/s], zero
+at both ends and where a wait begins or ends."""
 
 
 class Target(NamedTuple):
@@ -41,8 +45,8 @@ class Target(NamedTuple):
 
     x: float  # [m]
     y: float  # [m]
-    heading: float  # phi, heading of its segment [rad]
-    v: float  # v_ref [m/s]
+    heading: float  # phi, the robot's heading on its segment [rad]
+    v: float  # v_ref [m/s], negative backwards
     w: float  # w_ref [rad/s]
     segment: int  # number of the segment, from 0; the next search begins there
 
@@ -55,16 +59,20 @@ class Errors(NamedTuple):
     alpha: float  # e_alpha, heading of the target's segment less the robot's [rad]
 
 
-def find_fault(t: FloatArray | None, xy: FloatArray) -> tuple[int, str | None, str] | None:
-    """Return the first point at which (N,) times [s] and (N, 2) places [m] are no trajectory.
+def find_fault(
+    t: FloatArray | None, xy: FloatArray, yaw: FloatArray | None = None
+) -> tuple[int, str | None, str] | None:
+    """Return the first point at which times, places and yaws are no trajectory.
 
-    It is None if there is no fault; else the number of the point, from 0, `t`, `x` or `y`, or None
-    where it is the point as a whole, and a sentence that says what is wrong and what would be
-    right. Without times, neighbours at one place are a fault too: a speed gives them no time to
-    wait.
+    They are (N,) [s], (N, 2) [m] and (N,) [rad]; times and yaws need not be given.
+    It is None if there is no fault; else the number of the point, from 0, `t`, `x`, `y` or `yaw`,
+    or None where it is the point as a whole, and a sentence that says what is wrong and what would
+    be right. Without times, neighbours at one place are a fault too, unless their yaws differ: a
+    speed gives them no time to wait.
     """
     x, y = xy.T
-    for column, values, unit in (("x", x, "m"), ("y", y, "m"), ("t", t, "s")):
+    columns = (("x", x, "m"), ("y", y, "m"), ("t", t, "s"), ("yaw", yaw, "rad"))
+    for column, values, unit in columns:
         if values is None:
             continue
         bad = np.flatnonzero(~(np.abs(values) <= _LARGEST_NUMBER))
@@ -73,15 +81,19 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> tuple[int, str | None, s
             right = f"a finite number [{unit}] no larger than {_LARGEST_NUMBER:g}"
             return k, column, f"{column} is {values[k]:g}, wanted {right}"
     moving = step_lengths(xy) > _SAME_PLACE
-    if t is None:
-        if np.all(moving):
-            return None
-        k = int(np.argmin(moving)) + 1
+    if yaw is not None:
+        across = moving & (np.abs(_shares_forwards(xy, yaw)) < TURNS_BACK)
+        if np.any(across):
+            k = int(np.argmax(across)) + 1
+            what = "the robot drives along its yaw or against it, and this lies across its way"
+            return k, "yaw", f"{what}; to turn on the spot, name a place twice, with two yaws"
+    standing = ~moving if yaw is None else ~moving & (np.diff(yaw) == 0.0)
+    if t is None and np.any(standing):
+        k = int(np.argmax(standing)) + 1
         cure = "give times, to wait, or leave out one of them"
         place = f"({x[k]:.6g}, {y[k]:.6g}) m"
         return k, None, f"it is where the one before is, at {place}; {cure}"
-    late = np.diff(t) > _SAME_TIME
-    if not np.all(late):
+    if t is not None and not np.all(late := np.diff(t) > _SAME_TIME):
         k = int(np.argmin(late)) + 1
         return k, "t", f"time must increase, but {t[k]:.12g} s follows {t[k - 1]:.12g} s"
     if not np.any(moving):
@@ -96,20 +108,24 @@ class Waypoints:
 
     Neighbours at one place are a wait: the target stands there from the time of the first to that
     of the second, and keeps the heading that it came with (before the first move, the heading with
-    which it leaves).
+    which it leaves). With yaws it has that of the second.
     """
 
     t: FloatArray
     """(N,) strictly increasing, from any start [s]; N at least 2."""
     xy: FloatArray
     """(N, 2) places in the world [m], not all of them the same."""
+    yaw: FloatArray | None = None
+    """(N,) where the robot faces [rad]. It drives backwards to a place whose yaw, and that of the
+    place before, lie against the way. None: it drives forwards everywhere."""
 
     def __post_init__(self) -> None:
         """Check and freeze.
 
         Raises:
             ValueError: fewer than two points, lengths that differ, numbers that are not finite, one
-                place only, or time that does not increase; the message counts waypoints from 1.
+                place only, time that does not increase, or a yaw across the way; the message counts
+                waypoints from 1.
         """
         t = np.asarray(self.t, dtype=np.float64)
         xy = _check_places(self.xy)
@@ -117,39 +133,42 @@ class Waypoints:
             raise ValueError(
                 f"{len(xy)} waypoints need as many times, got an array of shape {t.shape}"
             )
-        fault = find_fault(t, xy)
-        if fault is not None:
-            row, _, what = fault
-            raise ValueError(f"waypoint {row + 1}: {what}")
+        yaw = None if self.yaw is None else frozen_array(self.yaw, "yaw", (len(xy),))
+        _refuse_fault(find_fault(t, xy, yaw))
         object.__setattr__(self, "t", frozen_array(t, "t", (None,)))
         object.__setattr__(self, "xy", frozen_array(xy, "xy", (None, 2)))
+        object.__setattr__(self, "yaw", yaw)
 
     @classmethod
-    def from_path(cls, xy: ArrayLike, speed: float) -> Waypoints:
+    def from_path(cls, xy: ArrayLike, speed: float, yaw: ArrayLike | None = None) -> Waypoints:
         """Give (N, 2) places [m] the times of a mean speed [m/s] on each segment.
 
-        See Alg. 5, lines 2-7.
+        See Alg. 5, lines 2-7. Turns on the spot, by (N,) `yaw` [rad], have 1 rad/s.
 
         Raises:
-            ValueError: a speed that is not positive and finite, places that are no path, or
-                neighbours at one place.
+            ValueError: a speed that is not positive and finite, places that are no path,
+                neighbours at one place of one yaw, or a yaw across the way.
         """
         places = _check_places(xy)
-        fault = find_fault(None, places)
-        if fault is not None:
-            row, _, what = fault
-            raise ValueError(f"waypoint {row + 1}: {what}")
-        return cls._with_times(places, speed, np.zeros(len(places) - 1))
+        yaws = None if yaw is None else frozen_array(yaw, "yaw", (len(places),))
+        _refuse_fault(find_fault(None, places, yaws))
+        waits = np.zeros(len(places) - 1)
+        if yaws is not None:
+            turns = np.abs(wrap_angle(np.diff(yaws)))
+            waits = np.where(step_lengths(places) > _SAME_PLACE, 0.0, turns)
+        return cls._with_times(places, speed, waits, yaws)
 
     @classmethod
-    def _with_times(cls, places: FloatArray, speed: float, waits: FloatArray) -> Waypoints:
+    def _with_times(
+        cls, places: FloatArray, speed: float, waits: FloatArray, yaw: FloatArray | None
+    ) -> Waypoints:
         """Return places with the times of a speed [m/s] and of (N - 1,) `waits` [s] in addition."""
         if not (math.isfinite(speed) and speed > 0.0):
             raise ValueError(f"the reference speed must be positive and finite, got {speed} m/s")
         # The check of the times finds and names an overflow.
         with np.errstate(all="ignore"):
             t = np.cumulative_sum(step_lengths(places) / speed + waits, include_initial=True)
-        return cls(t, places)
+        return cls(t, places, yaw)
 
     def at_speed(self, speed: float) -> Waypoints:
         """Return the same path at a mean speed [m/s] on each segment; its waits stay as they are.
@@ -157,7 +176,8 @@ class Waypoints:
         Raises:
             ValueError: a speed that is not positive and finite.
         """
-        return self._with_times(self.xy, speed, np.where(self.moving, 0.0, np.diff(self.t)))
+        waits = np.where(self.moving, 0.0, np.diff(self.t))
+        return self._with_times(self.xy, speed, waits, self.yaw)
 
     def braked(self, braking: float) -> Waypoints:
         """Return the same way, whose target comes to rest at its end by a constant braking [m/s2].
@@ -180,7 +200,11 @@ class Waypoints:
         xy = np.column_stack([np.interp(places, along, self.xy[:, k]) for k in (0, 1)])
         begin = np.interp(self.length - left, along, self.t)
         t = begin + 2.0 * left / speed * (1.0 - share)
-        return Waypoints(np.append(self.t[before], t), np.vstack([self.xy[before], xy]))
+        yaw = self.yaw
+        if yaw is not None:
+            arrived = np.searchsorted(along, places).clip(max=len(yaw) - 1)
+            yaw = np.append(yaw[before], yaw[arrived])
+        return Waypoints(np.append(self.t[before], t), np.vstack([self.xy[before], xy]), yaw)
 
     def __len__(self) -> int:
         """Return the number of waypoints, N."""
@@ -222,21 +246,37 @@ class Waypoints:
 
     @property
     def headings(self) -> FloatArray:
-        """(N - 1,) angle phi of each segment to the world's x axis, unwrapped [rad].
+        """(N - 1,) the robot's angle phi on each segment to the world's x axis, unwrapped [rad].
 
         See Alg. 5, lines 8-10. A wait has the heading of the last move before it, or before the
-        first move of that move.
+        first move of that move; with yaws, that of the waypoint at its end.
         """
         moves = np.flatnonzero(self.moving)
         steps = np.diff(self.xy, axis=0)[moves]
         angles: FloatArray = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
         latest = np.cumsum(self.moving) - 1  # the move from which each segment takes its heading
-        return np.asarray(angles[np.clip(latest, 0, None)])
+        headings: FloatArray = angles[np.clip(latest, 0, None)]
+        if self.yaw is None:
+            return headings
+        faced = np.where(self.backwards, headings + math.pi, headings)
+        return np.unwrap(np.where(self.moving, faced, self.yaw[1:]))
+
+    @property
+    def backwards(self) -> NDArray[np.bool_]:
+        """(N - 1,) whether the robot drives backwards on each segment."""
+        if self.yaw is None:
+            return np.zeros(len(self) - 1, dtype=np.bool_)
+        return self.moving & (_shares_forwards(self.xy, self.yaw) < 0.0)
 
     @property
     def start(self) -> State:
-        """State of a robot that rests at the first waypoint and faces along the first segment."""
+        """State of a robot that rests at the first waypoint and faces as on the first segment.
+
+        Where it first turns on the spot, it has the yaw of the first waypoint.
+        """
         x, y = map(float, self.xy[0])
+        if self.yaw is not None and not self.moving[0]:
+            return State(x, y, float(self.yaw[0]))
         return State(x, y, float(self.headings[0]))
 
     @property
@@ -250,20 +290,20 @@ class Waypoints:
 
         w_ref is the change of heading from the middle of one segment to the middle of the next over
         the time between. It is zero at both ends, where one of the two is missing, so that its
-        integral, linear between waypoints, is the whole change of heading. It is also zero at both
-        ends of a wait: a target that leaves in another direction than it came turns at once, as at
-        a corner.
+        integral, linear between waypoints, is the whole change of heading. It is also zero where a
+        wait begins or ends: a target that leaves in another direction than it came turns at once,
+        as at a corner. Within a turn on the spot, of waypoints at one place, it is as on the way.
         """
         t = self.t - self.t[0]
         headings = self.headings
         middles = t[:-1] + 0.5 * np.diff(t)
-        on_the_way = self.moving[:-1] & self.moving[1:]
+        on_the_way = self.moving[:-1] == self.moving[1:]
         course = np.zeros(len(t), _COURSE)
         course["t"] = t
         course["x"] = self.xy[:, 0]
         course["y"] = self.xy[:, 1]
         course["heading"] = np.append(headings, headings[-1])
-        course["v"][:-1] = self.segment_speeds
+        course["v"][:-1] = np.where(self.backwards, -1.0, 1.0) * self.segment_speeds
         rates = np.diff(headings) / np.diff(middles)
         course["w"][1:-1] = np.where(on_the_way, rates, 0.0)
         return course
@@ -294,6 +334,19 @@ def _check_places(xy: ArrayLike) -> FloatArray:
     if len(places) < 2:
         raise ValueError(f"a trajectory needs at least two waypoints, got {len(places)}")
     return places
+
+
+def _refuse_fault(fault: tuple[int, str | None, str] | None) -> None:
+    if fault is not None:
+        row, _, what = fault
+        raise ValueError(f"waypoint {row + 1}: {what}")
+
+
+def _shares_forwards(xy: FloatArray, yaw: FloatArray) -> FloatArray:
+    """Return (N - 1,) the mean cosine between the way to a place and the yaws at both its ends."""
+    steps = np.diff(xy, axis=0)
+    ways = np.arctan2(steps[:, 1], steps[:, 0])
+    return np.asarray(0.5 * (np.cos(yaw[:-1] - ways) + np.cos(yaw[1:] - ways)))
 
 
 def step_lengths(xy: FloatArray) -> FloatArray:

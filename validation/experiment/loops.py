@@ -11,7 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.control.feasible import DEVIATION, MotionLimits, make_feasible
+from ssmr.control.feasible import (
+    DEVIATION,
+    MotionLimits,
+    make_feasible,
+    require_manoeuvres,
+    turn_in_waits,
+)
+from ssmr.control.law import SPOT_TURN, Law
 from ssmr.control.laws import AnyController, design_controller
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
@@ -131,11 +138,11 @@ def chosen_controller(
     if isinstance(controller, type) or is_user_law(controller):
         if gains is not None:
             raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
-        name, make = load_user_law(controller)
+        name, make, manoeuvres = load_user_law(controller)
         linear = profile.plants["linear"]
         system = state_space_matrices(linear.vehicle, linear.parameters, linear.drive)
         a, b = (tuple(map(tuple, m.tolist())) for m in system)
-        return PythonController(name, make, a, b, linear.drive), None
+        return PythonController(name, make, a, b, linear.drive, manoeuvres), None
     if not isinstance(gains, GainSet):
         gains = load_gains(controller, str(gains) if gains else None, profile.name)
     if gains.controller != controller:
@@ -236,9 +243,6 @@ def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: 
     """Return a sentence on a reference that asks for more than the robot can do; else None.
 
     `profile` and `what` name the robot's profile and the reference in the sentence.
-
-    Raises:
-        ValueError: the reference turns back, or on the spot.
     """
     drive = robot.drive
     gentle = MotionLimits(_EASY_SPEED * drive.v_max, _EASY_TURN * drive.w_max, math.inf, math.inf)
@@ -257,17 +261,18 @@ def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: 
 
 
 def _keeps_speed(waypoints: Waypoints, slowed: Waypoints) -> bool:
-    """Return whether a feasible path is as fast as the reference that it was made from."""
-    return slowed.speed > _AS_FAST * waypoints.speed
+    """Return whether a feasible path is as fast as the reference that it was made from.
+
+    It also waits no longer, for turns on the spot.
+    """
+    waits, asked = (path.duration - path.length / path.speed for path in (slowed, waypoints))
+    return slowed.speed > _AS_FAST * waypoints.speed and waits < asked + _SAMPLE_DT
 
 
 def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot) -> Waypoints:
     """Return the reference as `_PRACTICABLE` of the robot's motion can follow it.
 
     It is the reference itself where that is not too fast.
-
-    Raises:
-        ValueError: the reference turns back, or on the spot.
     """
     limits = limits_of([robot], waypoints.speed, _PRACTICABLE)
     if _keeps_speed(waypoints, make_feasible(waypoints, limits, at_rest=False)):
@@ -276,28 +281,38 @@ def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot) -> Waypoint
 
 
 def open_path(
-    reference: str | Waypoints, speed: float | None, robots: Sequence[ClosedLoopRobot]
+    reference: str | Waypoints,
+    speed: float | None,
+    robots: Sequence[ClosedLoopRobot],
+    law: Law | AnyController,
 ) -> tuple[str, Waypoints, list[str]]:
     """Return name and waypoints of a reference, see `open_reference`, and sentences on them.
 
+    The `law` is asked whether it can follow them.
+
     Waypoints or a file that are given a speed [m/s] are a path without times: it becomes what
     `_PRACTICABLE` of the motion of all the robots can follow. A reference that has a name, and
-    waypoints that keep their times, stay as they are.
+    waypoints that keep their times, stay as they are, but for turns on the spot: these are made in
+    their waits, which may become longer.
 
     Raises:
-        ValueError: as `open_reference`; a segment is faster than a driver's limit; or the path
-            turns back, or on the spot.
+        ValueError: as `open_reference`; a segment is faster than a driver's limit; or the law
+            cannot follow the path.
     """
     if isinstance(reference, Waypoints):
         label = "waypoints"
         waypoints = reference
         name = label
         if speed is not None:
-            waypoints = Waypoints.from_path(reference.xy, speed)
+            waypoints = reference.at_speed(speed)
     else:
         label, waypoints = open_reference(reference, speed)
         name, named_speed = split_speed(reference)
         speed = named_speed if speed is None else speed
+    try:
+        manoeuvres = require_manoeuvres(waypoints, law)
+    except ValueError as error:
+        raise ValueError(f"{label}: {error}") from error
     if name in REFERENCES or speed is None:
         k = np.argmax(waypoints.segment_speeds)
         asked = waypoints.segment_speeds[k]
@@ -307,12 +322,16 @@ def open_path(
                 f"{label} asks for {asked:.3g} m/s between waypoints {k + 1} and {k + 2}; "
                 f"the robot's limit is {able:g} m/s"
             )
-        return label, waypoints, []
+        if SPOT_TURN not in manoeuvres:
+            return label, waypoints, []
+        asked = waypoints.duration
+        waypoints = turn_in_waits(waypoints, limits_of(robots, waypoints.speed, _PRACTICABLE))
+        if waypoints.duration < asked + _SAMPLE_DT:
+            return label, waypoints, []
+        longer = f"{waypoints.duration:.1f} s instead of {asked:.1f} s"
+        return label, waypoints, [f"{label} takes {longer}, because it turns on the spot."]
     limits = limits_of(robots, speed, _PRACTICABLE)
-    try:
-        path = make_feasible(waypoints, limits)
-    except ValueError as error:
-        raise ValueError(f"{label}: {error}") from error
+    path = make_feasible(waypoints, limits)
     sentence = (
         f"{label} is driven in {path.duration:.1f} s, from rest to rest, at up to {speed:.3g} m/s: "
         f"its corners are rounded by at most {1e3 * DEVIATION:.0f} mm and driven within "

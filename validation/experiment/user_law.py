@@ -176,8 +176,10 @@ def _show_value(value: object) -> str:
     return shorten_text(one_line(repr(value)), 40)
 
 
-def load_user_law(given: str | type) -> tuple[str, Callable[[Mission], Any]]:
+def load_user_law(given: str | type) -> tuple[str, Callable[[Mission], Any], tuple[str, ...]]:
     """Return the name of the user's class, itself or by `FILE.py:NAME`, and what makes its object.
+
+    Also what its attribute `manoeuvres` says that it can follow, see `ssmr.control.law.Law`.
 
     Raises:
         ValueError: it is no such class.
@@ -188,7 +190,7 @@ def load_user_law(given: str | type) -> tuple[str, Callable[[Mission], Any]]:
     name = kind.__name__
     if isinstance(kind, type) and not callable(getattr(kind, "command", None)):
         raise ValueError(f"{_place_of(kind, path)}: class {name} has no method command(self, now)")
-    return name, partial(_make_guarded, name, path, kind)
+    return name, partial(_make_guarded, name, path, kind), getattr(kind, "manoeuvres", ())
 
 
 _MODEL_FILES: dict[str, tuple[str, str, str]] = {}

@@ -1,6 +1,7 @@
 """Waypoints from CSV files, and by the name of a reference trajectory.
 
-A file has a header that names x and y [m] and, where it brings its times, t [s]. A column `frame`
+A file has a header that names x and y [m] and, where it brings its times, t [s]. A column `yaw`
+[rad] says where the robot faces, so it can drive backwards and turn on the spot. A column `frame`
 names the frame in which they are; other columns are ignored.
 """
 
@@ -27,7 +28,7 @@ _HEADER = (
     "a file of waypoints begins with a header that names x and y [m] and, "
     "if it brings its times, t [s]; one that brings none needs a speed, such as 0.25 m/s"
 )
-_UNITS = {"x": "m", "y": "m", "t": "s"}
+_UNITS = {"x": "m", "y": "m", "t": "s", "yaw": "rad"}
 DEFAULT_SPEED = 0.25
 """Speed of references that have a name, where none is given [m/s]; the slower of the thesis'."""
 
@@ -55,28 +56,31 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
         )
     table = read_csv_table(path)
     names = [name.lower() for name in table.header]
-    _require_columns(table, names, ("x", "y") if speed is not None else ("x", "y", "t"))
+    optional = ["yaw"] * ("yaw" in names)
+    wanted = ("x", "y") if speed is not None else ("x", "y", "t")
+    _require_columns(table, names, (*wanted, *optional))
 
     def column(name: str) -> FloatArray:
         return table.numbers(names.index(name), Column(_UNITS[name], "", math.inf))
 
     t = column("t") if speed is None else None
     xy = np.column_stack([column("x"), column("y")])
+    yaw = column("yaw") if optional else None
     if len(xy) < 2:
         some = "is one waypoint" if len(xy) else "are no waypoints"
         raise FileError(path, f"there {some} after the header; a trajectory needs at least two")
-    fault = find_fault(t, xy)
+    fault = find_fault(t, xy, yaw)
     waits = fault is not None and fault[1] is None
     if t is None and waits and names.count("t") == 1:  # the times say how long
         t = column("t")
-        fault = find_fault(t, xy)
+        fault = find_fault(t, xy, yaw)
     if fault is not None:
         row, name, what = fault
         raise FileError(path, what, table.lines[row], name)
     if t is None:
         assert speed is not None  # or the file has times
-        return Waypoints.from_path(xy, speed)
-    waypoints = Waypoints(t, xy)
+        return Waypoints.from_path(xy, speed, yaw)
+    waypoints = Waypoints(t, xy, yaw)
     return waypoints if speed is None else waypoints.at_speed(speed)
 
 

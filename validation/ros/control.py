@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import tyro
 
 from ssmr.control.law import Observation
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
+from ssmr.types import FloatArray
 from validation import cli
 from validation.experiment.loops import (
     chosen_controller,
@@ -69,8 +71,8 @@ class Control(Graph):
     speed. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans
     ahead. FILE.py:NAME is a class of your own, which is run."""
     reference: tyro.conf.Positional[str]
-    """Reference: line, circle, sine, generic, a file of waypoints (.csv: x, y[, t][, frame]), or
-    the topic of a nav_msgs/Path (/NAME), whose first path is driven."""
+    """Reference: line, circle, sine, generic, a file of waypoints (.csv: x, y[, t][, yaw]
+    [, frame]), or the topic of a nav_msgs/Path (/NAME), whose first path is driven."""
     speed: float | None = None
     """Greatest speed [m/s]. A file then is a path without times: its corners are rounded and
     driven as fast as the robot can. Named references have 0.25 m/s if it is not given."""
@@ -352,7 +354,7 @@ def control(options: Control) -> Tracked:
     law, gains = chosen_controller(o.controller, profile, o.gains)
     robots = [make_robot(profile, "mujoco")]
     o, path = _find_frame(o)
-    reference, waypoints, remarks = open_path(path, o.speed, robots)
+    reference, waypoints, remarks = open_path(path, o.speed, robots, law)
     for remark in [*remarks, *profile.unfitted(["mujoco"])]:
         _logger.info("%s", remark)
     law = law.on(robots[0].drive)
@@ -424,12 +426,25 @@ def _find_frame(o: Control) -> tuple[Control, str | Waypoints]:
                 if node.clock() >= until:
                     why = node.refusals(o.reference) or "nothing came, and there is no such file"
                     raise StoppedError(f"no path on {o.reference} for {o.patience:g} s: {why}")
-        frame, places = came[0][1]
+        frame, poses = came[0][1]
         o = replace(o, speed=o.speed or DEFAULT_SPEED)
-        reference = Waypoints.from_path(places, DEFAULT_SPEED)
+        reference = _waypoints_of(poses)
     if o.frame and frame not in ("", o.frame):
         raise ValueError(f"{o.reference} is in the frame {frame}, and --frame is {o.frame}")
     return replace(o, frame=o.frame or frame), reference
+
+
+def _waypoints_of(poses: FloatArray) -> Waypoints:
+    """Return (N, 3) poses as a path, driven backwards where they face against it.
+
+    Orientations that lie across it, or are one but for the goal's, are of a planner that plans
+    none: then it is driven forwards.
+    """
+    planned = len(np.unique(poses[:-1, 2])) > 1
+    try:
+        return Waypoints.from_path(poses[:, :2], DEFAULT_SPEED, poses[:, 2] if planned else None)
+    except ValueError:
+        return Waypoints.from_path(poses[:, :2], DEFAULT_SPEED)
 
 
 def _with_topics(options: Control, robot: str) -> Control:

@@ -131,7 +131,7 @@ class PathFollower:
                 than the limit.
         """
         course = waypoints.course()
-        fastest = float(course["v"].max())
+        fastest = float(np.abs(course["v"]).max())
         waypoints = waypoints.braked(BRAKING)
         drive = controller.drive
         self.v_limit, self.w_limit = _limits_of_drive(drive, fastest, v_limit, w_limit)

@@ -259,13 +259,13 @@ def read_pose(message: Any) -> tuple[float, Observation, str]:
 
 
 def read_path(message: Any) -> tuple[str, FloatArray]:
-    """Frame and (N, 2) places [m] of a nav_msgs/Path, of which neighbours differ.
+    """Frame and (N, 3) poses [m, m, rad] of a nav_msgs/Path, whose neighbours differ in place.
 
     Raises:
         ValueError: they are not plausible, or fewer than two.
     """
-    poses = (_read_pose(stamped.pose)[:2] for stamped in message.poses)
-    places = [place for place, _ in groupby(poses)]
+    poses = (_read_pose(stamped.pose) for stamped in message.poses)
+    places = [next(same) for _, same in groupby(poses, key=lambda pose: pose[:2])]
     if len(places) < 2:
         raise ValueError("a path has at least two places")
     return _read_frame(message.header.frame_id), np.array(places)

@@ -133,13 +133,14 @@ def examine_model(robot: Robot, known: Sequence[Finding] = ()) -> Examined:
         text = mjcf_text(plant.calibration, robot.motor_drive)
         competition = Competition(OwnRobot(text, {}), None, {}, (), known)
     except ValueError as error:
-        failed = f"no model can be built of it: {one_line(error)}"
-        return Examined([], [Finding("model", "fault", failed)])
+        failed = Finding("model", "fault", f"no model can be built of it: {one_line(error)}")
+        # what cannot be has no model, and that is known
+        return Examined([], [] if any(f.severity == "fault" for f in known) else [failed])
     driven = competition.robot
     measures = driven.measures
     if measures["diverged"]:
-        failed = "its simulation fails: the state diverges"
-        return Examined([], [Finding("step", "fault", failed, "look at masses, inertia and gain")])
+        cause = "its simulation fails: the state diverges"
+        return Examined([], [Finding("step", "fault", cause, "look at masses, inertia and gain")])
     numbers = {
         "turning_multiplier": measures.get("multiplier"),
         "yaw_ripple": None,

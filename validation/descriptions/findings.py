@@ -105,8 +105,12 @@ def _weight_share_off(robot: Robot) -> float:
 
 
 def _weight_off(robot: Robot, _: Others) -> Finding | None:
+    return _weight_outside(robot) or _wheel_without_load(robot) or _weight_beside(robot)
+
+
+def _weight_beside(robot: Robot) -> Finding | None:
     off = _weight_share_off(robot)
-    if not _OFF_SHARE <= off < 1.0:
+    if off < _OFF_SHARE:
         return None
     x, y = whole_com(robot)[:2]
     loads = ", ".join(f"{share * robot.mass * GRAVITY:.0f}" for share in load_shares(robot))
@@ -136,7 +140,7 @@ def _offset(x: float, y: float) -> str:
     return " and ".join(parts)
 
 
-def _weight_outside(robot: Robot, _: Others) -> Finding | None:
+def _weight_outside(robot: Robot) -> Finding | None:
     if _hull_is_guessed(robot):
         return None
     lowest, highest = robot_outline(robot)
@@ -151,7 +155,7 @@ def _weight_outside(robot: Robot, _: Others) -> Finding | None:
     return None
 
 
-def _wheel_without_load(robot: Robot, _: Others) -> Finding | None:
+def _wheel_without_load(robot: Robot) -> Finding | None:
     shares = load_shares(robot)
     if shares.min() > 0.0:
         return None
@@ -371,8 +375,6 @@ def _guess(robot: Robot, _: Others) -> Finding | None:
 
 
 _LOOKS: Sequence[Callable[[Robot, Others], Finding | None]] = (
-    _weight_outside,
-    _wheel_without_load,
     _weight_off,
     _wheel_inertia,
     _body_inertia,

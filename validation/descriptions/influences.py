@@ -384,6 +384,16 @@ _INFLUENCES: Sequence[_Influence] = (
     _Influence(
         "step",
         "",
+        "integrator of <option>",
+        lambda stand: float(stand.model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER),
+        "{written} is Euler, and servos and dampers are too stiff for it: wheels tremble; take "
+        "implicitfast",
+        over="drives",
+        mend="integrator",
+    ),
+    _Influence(
+        "step",
+        "",
         "timestep of <option>",
         lambda stand: stand.model.opt.timestep,
         "{written} of {effect:g} s is too long for contacts and servos",

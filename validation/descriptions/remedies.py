@@ -317,7 +317,6 @@ def _stiffen_servos(robot: OwnRobot, text: MjcfText) -> Edits:
         elif text.tag(part) == "general":
             edits[part] = {"gainprm": kv, "biasprm": f"0 0 -{kv}"}
     if edits:
-        edits[OPTION] = {"integrator": "implicitfast"}
         least = _usual_rotor(robot)
         model = robot.wheeled.model
         light = [part for part in _wheel_joints(robot) if model.joint(part[1]).armature < least]
@@ -366,6 +365,7 @@ MENDS: Mapping[str, Mend] = {
     "cone": _set_options(cone="elliptic"),
     "impratio": _set_options(impratio="100"),
     "contact": _soften_contact,
+    "integrator": _set_options(integrator="implicitfast"),
     "step": _shorten_step,
     "motors": _strengthen_motors,
     "servos": _stiffen_servos,

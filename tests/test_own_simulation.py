@@ -89,6 +89,7 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
     "which_friction": (model(condim="1"), True),
     "pyramid": (model(option=OPTION.replace("elliptic", "pyramidal")), True),
     "hopping": (model(soft=""), True),
+    "hopping by a margin": (model(soft=SOFT + ' margin="0.03"'), True),
     "soft_on_one_geom": (model(soft=SOFT.replace('priority="1"', "")), True),
     "servo_soft": (model(kv="20"), True),
     "motor_weak": (model(force='forcerange="-6 6"'), True),

@@ -382,6 +382,15 @@ _INFLUENCES: Sequence[_Influence] = (
         mend="contact",
     ),
     _Influence(
+        "hopping",
+        "",
+        "margin of tyres and ground",
+        lambda stand: float(stand.model.geom_margin.max()),
+        "{written} lets contacts begin up to {effect:.2g} m above the ground: it floats",
+        over="drives",
+        mend="margin",
+    ),
+    _Influence(
         "step",
         "",
         "integrator of <option>",

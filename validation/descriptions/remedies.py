@@ -365,6 +365,7 @@ MENDS: Mapping[str, Mend] = {
     "cone": _set_options(cone="elliptic"),
     "impratio": _set_options(impratio="100"),
     "contact": _soften_contact,
+    "margin": _reset_parts(_parts_of_contact, margin="0", gap="0"),
     "integrator": _set_options(integrator="implicitfast"),
     "step": _shorten_step,
     "motors": _strengthen_motors,

@@ -199,6 +199,8 @@ DISEASES: Mapping[str, Disease] = {
     "no gravity": ("sdf", "</inertial>", "</inertial><gravity>0</gravity>", "load", "gravity"),
     "turned off": ("urdf", "<mu1>", "<turnGravityOff>true</turnGravityOff><mu1>", "load", "grav"),
     "gravcomp": ("xml", "YAW", 'gravcomp="0.9"', "load", "gravcomp"),
+    "honey": ("xml", "OPTION", 'density="1000" viscosity="5"', "held", "liquid"),
+    "water": ("xml", "OPTION", 'density="1000" viscosity="0.001"', "held", "liquid"),
     "flags": ("xml", "MORE", '<option><flag contact="disable"/></option>', "load", "contype"),
     "floating": ("xml", "MORE", '<option><flag gravity="disable"/></option>', "load", "gravcomp"),
     "upward": ("xml", "OPTION", 'gravity="0 0 9.81"', "load", "gravcomp"),

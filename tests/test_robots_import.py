@@ -39,8 +39,9 @@ def robots(draw: st.DrawFn) -> UrdfRobot:
     wheelbase = 2.0 * radius + size * (0.05 + 0.4 * draw(numbers))
     width = size * (0.03 + 0.1 * draw(numbers))
     track = width + size * (0.2 + 0.4 * draw(numbers))
-    mass = 400.0 * size**3 * (0.1 + draw(numbers))
-    wheel = 20.0 * size**3 * (0.05 + draw(numbers))
+    # of matter that there is: others have another unit of mass
+    mass = max(2000.0 * (wheelbase * track) ** 1.5 * (0.1 + draw(numbers)), 0.3)
+    wheel = 0.05 * mass * (0.05 + draw(numbers))
     # so that the body fits into the robot
     share = 0.5 + 0.3 * np.array([draw(numbers), draw(numbers), draw(numbers)])
     box = share * np.array([wheelbase + 2.0 * radius, track, 1.2 * radius])

@@ -424,8 +424,9 @@ def flaw_of_inertia(tensor: FloatArray, most: float = np.inf) -> str:
     if greatest <= ROUNDED * most:
         return ""
     # of a body that is full, it is about half of that
-    apart = {unit: abs(np.log(2.0 * greatest * size / most)) for unit, size in _UNITS.items()}
-    unit = min(apart, key=lambda unit: apart[unit])
+    _, unit = min(
+        (abs(np.log(2.0 * greatest * size / most)), unit) for unit, size in _UNITS.items()
+    )
     asked = "" if unit == "kg m2" else f" (is it in {unit}?)"
     return f"mass and size allow {most:.4g} at most{asked}"
 

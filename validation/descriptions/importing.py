@@ -244,12 +244,13 @@ class _Import:
         density = mass / (wheeled.wheelbase * wheeled.track) ** 1.5
         if _DENSITIES[0] < density < _DENSITIES[1] or mass < 1e-6:
             return
-        apart = {}
-        for unit, share in _WRONG_UNITS.items():
-            apart[unit] = abs(math.log(density * share / _USUAL_DENSITY))
+        _, wrong = min(
+            (abs(math.log(density * share / _USUAL_DENSITY)), unit)
+            for unit, share in _WRONG_UNITS.items()
+        )
         raise ValueError(
             f"its wheels stand {wheeled.wheelbase:.4g} by {wheeled.track:.4g} m apart and carry "
-            f"{mass:.3g} kg: {min(apart, key=lambda unit: apart[unit])}"
+            f"{mass:.3g} kg: {wrong}"
         )
 
     def add_places(self) -> None:
@@ -338,7 +339,7 @@ class _Import:
             self.guesses.append("the wheels have no mass; it is estimated")
         self.add("mass.com", com, "everything but the wheels together")
         diagonal = np.diag(tensor)
-        reach = 0.5 * math.hypot(wheeled.wheelbase, wheeled.track) + 2.0 * self.radius
+        reach = math.hypot(wheeled.wheelbase, wheeled.track) + 2.0 * self.radius
         if flaw_of_inertia(np.diag(diagonal), base * reach**2):
             self.guesses.append("the body's inertia is that of no body; it is estimated")
         else:

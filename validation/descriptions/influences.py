@@ -118,9 +118,11 @@ _INFLUENCES: Sequence[_Influence] = (
         "held",
         "",
         "density and viscosity of <option>",
-        lambda stand: stand.model.opt.density + stand.model.opt.viscosity,
-        "{written} are those of a liquid, which holds it",
-        over="drives",
+        SlowTurn.drag,
+        "{written} are those of a liquid, which holds it with {effect:.3g} N, and friction pushes "
+        "with {push:.3g} N at most",
+        over="push",
+        is_fault=False,
         mend="medium",
     ),
     _Influence(

@@ -52,6 +52,7 @@ class SlowTurn:
         self.rate = self.rim / self.radius
         self.slow = 0.1 * self.rate
         self.mu = np.nan_to_num(self.of_wheels("mu1"), nan=robot.friction)
+        self.push = self.weight * robot.friction
         self.need = 0.5 * robot.friction * turning_torque(robot, turn)
         self.grip = np.maximum(self.mu, _SLIPPERY) * self.load * self.radius
         self.one = 1.0
@@ -80,6 +81,14 @@ class SlowTurn:
         """Return a number of the wheels' surfaces, joints or motors."""
         numbers = zip(self.foreign.contacts, self.foreign.limits, strict=True)
         return np.array([(one | other).get(key, np.nan) for one, other in numbers])
+
+    def drag(self) -> float:
+        """Return what a medium takes of the base, drawn along x at the balance's speed [N]."""
+        data = mujoco.MjData(self.model)
+        along = self.model.body_dofadr[self.foreign.wheeled.root]
+        data.qvel[along] = 2.0 * self.rim
+        mujoco.mj_forward(self.model, data)
+        return abs(float(data.qfrc_fluid[along]))
 
     def lost_rate(self, torque: FloatArray) -> FloatArray:
         """Return the share of its rate that a torque takes from each wheel; 1 where it stops."""

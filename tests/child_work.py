@@ -20,6 +20,11 @@ def rest(seconds: float) -> Answer:
     return "rested", ()
 
 
+def fail() -> Answer:
+    """Raise an error without words."""
+    raise LookupError
+
+
 def read(path: str) -> Answer:
     """Read a text."""
     return Path(path).read_text(encoding="utf-8"), ()

@@ -125,6 +125,7 @@ class _FaultyDrive:
         self.moved = math.nan
         self.since = -math.inf
         self.count = 0
+        self.start = follower.waypoints.start
 
     def send(self, deliver: Callable[[float], None]) -> None:
         """Let something arrive after the time that messages take now."""
@@ -194,7 +195,7 @@ class _FaultyDrive:
             done.named = cause
             done.named_at = now
         truth = self.robot.state
-        start = follower.waypoints.start
+        start = self.start
         c = math.cos(start.yaw)
         s = math.sin(start.yaw)
         place = (start.x + c * truth.x - s * truth.y, start.y + s * truth.x + c * truth.y)

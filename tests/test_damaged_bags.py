@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from backports import zstd
 
+from tests import child_work
 from tests.bag_factory import KINDS, PACKED_KINDS, circle, write
 from tests.conftest import exit_status, processor_time
 from validation.files import bags, guarded
@@ -151,10 +152,6 @@ def test_a_bag_that_unpacks_to_gigabytes_leaves_nothing(
     assert not list((tmp_path / "unpacked").iterdir())
 
 
-def silent(*_: object) -> guarded.Answer:
-    raise LookupError
-
-
 def test_a_fault_without_words_has_its_name() -> None:
     with pytest.raises(ValueError, match="LookupError"):
-        guarded.ask(silent, [], guarded.Allowance(60.0, 1 << 30))
+        guarded.ask(child_work.fail, [], guarded.Allowance(60.0, 1 << 30))

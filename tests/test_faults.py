@@ -31,7 +31,7 @@ from validation.plants.profile import load_profile
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of libraries, on damaged files
 
-SMALL = "--population 8 --generations 1"
+SMALL = "--population 5 --generations 1"
 COMMANDS: dict[str, tuple[str, str]] = {
     "compare": ("compare FILE --plants kinematic --horizons 1,2 --no-rerun", "log.csv"),
     "compare with a profile": (

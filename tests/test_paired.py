@@ -50,7 +50,7 @@ def test_of_many_pairs_none_is_told_apart_by_their_number() -> None:
     Uncorrected, some differ by chance in most recordings.
     """
     plain = raised = 0
-    for seed in range(10):
+    for seed in range(5):
         some = [drawn(100 * seed + k) for k in range(6)]
         plain += (
             min(chance_of_difference(a, b, TIMES, 6.0) for a, b in itertools.combinations(some, 2))
@@ -59,7 +59,7 @@ def test_of_many_pairs_none_is_told_apart_by_their_number() -> None:
         windows = [WindowErrors(6.0, np.abs(errors), np.abs(errors)) for errors in some]
         plants = {str(k): SimpleNamespace(windows={6.0: w}) for k, w in enumerate(windows)}
         raised += bool(indistinguishable_pairs(plants)["better"]["position"])  # type: ignore[arg-type, index]
-    assert raised <= 2 < plain
+    assert raised <= 1 < 2 < plain
 
 
 def test_holms_rule() -> None:

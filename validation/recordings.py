@@ -139,48 +139,18 @@ class Convert(LogOptions):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LogReport(Report):
-    """Contents of a log."""
+    """Contents of a log, or a log in another form."""
 
     program = "recordings"
     endings = ()
-    asked: LogOptions
-    """Options."""
     inspected: Inspected
     """The log as it was opened, and what it shows."""
-
-    @property
-    def log(self) -> Log:
-        """The log."""
-        return self.inspected.log
-
-    def tables(self) -> list[Table]:
-        """Return faults, contents and delays."""
-        rows = [
-            {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence}
-            for f in self.inspected.faults
-        ]
-        faults = Table("Faults", rows, "These are not what their names say.")
-        parts = _parts_table(self.inspected.parts)
-        return [faults, _contents_table(self.log), _offset_table(self.inspected.offsets), parts]
+    log: Log
+    """The same log, or the new one on one clock, as it is written."""
 
     def figure(self) -> Figure:
         """Return its picture: the log part by part."""
         return _draw_parts(self.title, self.inspected.parts, self.inspected.faults)
-
-    def notes(self) -> list[str]:
-        """Return remarks on reading, gaps and rest, on faults, and the next step."""
-        found = self.inspected
-        notes = [*self.log.remarks, *_log_sentences(found)]
-        notes += [*found.sentences(), *found.lacks]
-        notes.append(_next_step(self.asked, found))
-        uses = _name_uses(found)
-        if "yes" in uses and found.unsolved:
-            uses += "; correct the faults first"
-        return [*notes, uses]
-
-    def document(self) -> Document:
-        """Return the findings as the JSON file has them."""
-        return _log_document(self.inspected)
 
     def write(self, path: str | Path) -> None:
         """Write the file that it is for, whole or not at all.
@@ -194,45 +164,12 @@ class LogReport(Report):
         path = Path(path)
         check_apart(path, self.log.path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._write(path)
-
-    def _write(self, path: Path) -> None:
-        if path.suffix == ".png":
+        if not self.about:
+            write_log(self.log, path)
+        elif path.suffix == ".png":
             self.save_picture(path)
         else:
             write_json(path, self.as_dict())
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Conversion(LogReport):
-    """A log in another form."""
-
-    asked: Convert
-    merged: Log
-    """The new log on one clock, as it is written."""
-
-    def tables(self) -> list[Table]:
-        """Return the delays that it had."""
-        return [_offset_table(self.inspected.offsets)]
-
-    def notes(self) -> list[str]:
-        """Return what is written."""
-        t = self.merged.t
-        rate = 1.0 / next(iter(self.merged.groups.values())).period
-        columns = ", ".join(self.merged.columns)
-        notes = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {rate:.2f} Hz: {columns}"]
-        if self.asked.sync and self.inspected.offsets:
-            notes.append(
-                "the offsets of time were taken out of the measurements; commands stay as they were"
-            )
-        return notes
-
-    def document(self) -> Document:
-        """Return nothing: a conversion has no JSON file."""
-        return {}
-
-    def _write(self, path: Path) -> None:
-        write_log(self.merged, path)
 
 
 # --- programs ---
@@ -247,8 +184,29 @@ def info(o: Info) -> LogReport:
     Raises:
         ValueError: the log cannot be opened.
     """
-    inspected = o.opened()
-    return LogReport(title=inspected.log.path.name, asked=o, inspected=inspected)
+    found = o.opened()
+    log = found.log
+    rows = [
+        {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in found.faults
+    ]
+    faults = Table("Faults", rows, "These are not what their names say.")
+    notes = [*log.remarks, *_log_sentences(found), *found.sentences(), *found.lacks]
+    uses = _name_uses(found)
+    if "yes" in uses and found.unsolved:
+        uses += "; correct the faults first"
+    return LogReport(
+        title=log.path.name,
+        inspected=found,
+        log=log,
+        shown=[
+            faults,
+            _contents_table(log),
+            _offset_table(found.offsets),
+            _parts_table(found.parts),
+        ],
+        remarks=[*notes, _next_step(o, found), uses],
+        about=_log_document(found),
+    )
 
 
 def _log_document(found: Inspected) -> Document:
@@ -337,7 +295,21 @@ def convert(o: Convert) -> LogReport:
     if o.unbias:
         log = unbiased(log, inspected.rest)
     merged = log.cut(o.since, o.until).on_one_clock(o.rate)
-    return Conversion(title=log.path.name, asked=o, inspected=inspected, merged=merged)
+    t = merged.t
+    rate = 1.0 / next(iter(merged.groups.values())).period
+    columns = ", ".join(merged.columns)
+    notes = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {rate:.2f} Hz: {columns}"]
+    if o.sync and inspected.offsets:
+        notes.append(
+            "the offsets of time were taken out of the measurements; commands stay as they were"
+        )
+    return LogReport(
+        title=log.path.name,
+        inspected=inspected,
+        log=merged,
+        shown=[_offset_table(inspected.offsets)],
+        remarks=notes,
+    )
 
 
 # --- tables and sentences ---

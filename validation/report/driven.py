@@ -9,7 +9,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -39,8 +38,6 @@ from validation.simulator.terrain import FLAT, Terrain
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
-
-    from validation.report.scene import Scene
 
 _STRETCH = 36.0
 """Length of the part of a long run over which velocities are shown [s]."""
@@ -108,10 +105,6 @@ class DrivenRobots(Report, ABC):
         There is a pair for each piece, and none where wheel rates or several laws drive.
         """
 
-    @abstractmethod
-    def scene(self) -> Scene:
-        """Return the robots in motion, as the recording shows them."""
-
     def motion(self, plant: str, piece: int = 0) -> Trajectory:
         """Return how a plant moved: its `t`, `xy`, `yaw`, `twist`, `wheels` and `channels`.
 
@@ -130,19 +123,6 @@ class DrivenRobots(Report, ABC):
     def profile_label(self) -> str:
         """Name of the profile, and of the robot where the profile's name does not contain it."""
         return with_robot(self.profile.name, self.profile.robot.name)
-
-    def record(self, path: Path) -> None:
-        """Write the robots in motion, and what drove them, as a rerun recording.
-
-        The file is written whole or not at all.
-
-        Raises:
-            OSError: the file cannot be written.
-            RuntimeError: rerun is switched off by `RERUN=off`.
-        """
-        from validation.report.scene import write_scene  # here: rerun may be missing
-
-        write_scene(self.scene(), path)
 
     # --- panels ---
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, combinations, pairwise, product, zip_longest
-from typing import TYPE_CHECKING
+from itertools import chain, combinations, product, zip_longest
+from pathlib import Path
 
 import numpy as np
 
@@ -31,9 +31,6 @@ from validation.report.table import Table
 from validation.simulator.description import WHEELS
 from validation.simulator.health import health_verdict
 from validation.simulator.terrain import FLAT
-
-if TYPE_CHECKING:
-    from validation.report.scene import Scene
 
 _COMMANDED = (86, 180, 233)
 _WINDOWS = (
@@ -281,19 +278,12 @@ class Motions(DrivenRobots):
             t = motion.t[0] + c.dt * np.arange(c.n + 1)
             yield t, np.vstack([c.values, c.values[-1:]])
 
-    def scene(self) -> Scene:
-        """Return the robots in motion, and the commands that drove them."""
-        from validation.report.scene import Scene
+    def record(self, path: Path) -> None:
+        """Write the robots in motion, and the commands that drove them, see `Report.record`."""
+        from validation.report.scene import write_scene  # here: rerun may be missing
 
-        gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(self.truth)]
-        return Scene(
-            program=self.program,
-            title=f"{self.source.name}, profile {self.profile_label}",
-            tracks=self.tracks(),
-            plots=self._command_plots(),
-            report=self.to_markdown(),
-            gaps=np.array(gaps),
-        )
+        title = f"{self.source.name}, profile {self.profile_label}"
+        write_scene(self, title, self.tracks(), self._command_plots(), path)
 
     def _command_plots(self) -> Plots:
         """Commands over time, as a recording's plots have them."""

@@ -19,8 +19,7 @@ import math
 import os
 import uuid
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +41,7 @@ from ssmr.types import FloatArray
 from validation.output import Document, each_line, one_line, write_atomic
 from validation.report.columns import Unit, length_unit
 from validation.report.palette import BLACK, WHITE, mix_colours, plant_colour
+from validation.report.report import Report
 from validation.report.scene_robots import (
     GROUND,
     Extent,
@@ -102,45 +102,32 @@ _VIEWS = (
 their entities."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Scene:
-    """Contents of a recording."""
+def write_scene(
+    report: Report,
+    title: str,
+    tracks: Sequence[Track],
+    plots: Plots,
+    path: Path,
+    target: Track | None = None,
+) -> None:
+    """Write robots in motion as a rerun recording, whole or not at all.
 
-    program: str
-    """Program that made it; recordings of one program share a layout in the viewer."""
-    title: str
-    """Name of the recording in the viewer's list."""
-    tracks: Sequence[Track]
-    """The robots; the first one's is solid, and the eye follows it."""
-    report: str
-    """Markdown."""
-    plots: Plots = field(default_factory=dict)
-    """Lines over time by entity, `speed/mujoco`, besides those that follow from the motions."""
-    gaps: FloatArray = field(default_factory=lambda: np.empty(0))
-    """(G,) instants at which lines are interrupted [s]."""
-    target: Track | None = None
-    """A moving target."""
-
-    def identity(self) -> uuid.UUID:
-        """Return the recording's id: a digest of its title and its motions.
-
-        A run that is repeated compares equal, and two that differ can be open in one viewer.
-        """
-        digest = hashlib.sha256(self.title.encode(errors="surrogateescape"))
-        for track in self.tracks:
-            digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
-        return uuid.UUID(bytes=digest.digest()[:16], version=4)
-
-
-def write_scene(scene: Scene, path: Path) -> None:
-    """Write a scene as a rerun recording, whole or not at all.
+    Args:
+        report: the report that stands beside them; recordings of one program share a layout in the
+            viewer.
+        title: name of the recording in the viewer's list.
+        tracks: the robots; the first one's is solid, and the eye follows it.
+        plots: lines over time besides those that follow from the motions.
+        path: where to.
+        target: a moving target, if there is one.
 
     Raises:
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
+    identity = _identity_of(title, tracks)
     recording = rr.RecordingStream(
-        f"ssmr-testbed {scene.program}", recording_id=scene.identity(), send_properties=False
+        f"ssmr-testbed {report.program}", recording_id=identity, send_properties=False
     )
     if not recording.is_enabled():
         raise RuntimeError(
@@ -150,7 +137,11 @@ def write_scene(scene: Scene, path: Path) -> None:
     strict = rr.strict_mode()
     rr.set_strict_mode(True)  # else rerun warns and leaves something out
     try:
-        _fill_recording(recording, scene)
+        recording.send_recording_name(one_line(title))
+        text = each_line(report.to_markdown())
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+        recording.log("report", document, static=True)
+        _fill_recording(recording, tracks, plots, target)
     finally:
         rr.set_strict_mode(strict)
         data = stream.read()  # rerun complains of a stream that is not read
@@ -159,29 +150,39 @@ def write_scene(scene: Scene, path: Path) -> None:
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
-def _fill_recording(recording: rr.RecordingStream, scene: Scene) -> None:
-    unit = length_unit([float(track.errors[0].max()) for track in scene.tracks])
-    plots: Plots = {}
-    for track in scene.tracks:
-        plots |= _plots_of(track, unit)
-    plots |= scene.plots
-    extent = Extent(scene.tracks)
-    recording.send_blueprint(_make_layout(scene, plots, extent))
-    recording.send_recording_name(one_line(scene.title))
-    report = rr.TextDocument(each_line(scene.report), media_type=rr.MediaType.MARKDOWN)
-    parts = [
-        [("report", None, report), ("/", None, rr.ViewCoordinates.RIGHT_HAND_Z_UP)],
-        _ground_parts(extent),
-    ]
-    for rank, track in enumerate(scene.tracks):
+def _identity_of(title: str, tracks: Sequence[Track]) -> uuid.UUID:
+    """Return a recording's id: a digest of its title and its motions.
+
+    A run that is repeated compares equal, and two that differ can be open in one viewer.
+    """
+    digest = hashlib.sha256(title.encode(errors="surrogateescape"))
+    for track in tracks:
+        digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
+    return uuid.UUID(bytes=digest.digest()[:16], version=4)
+
+
+def _fill_recording(
+    recording: rr.RecordingStream, tracks: Sequence[Track], plots: Plots, target: Track | None
+) -> None:
+    unit = length_unit([track.errors[0].max() for track in tracks])
+    lines: Plots = {}
+    for track in tracks:
+        lines |= _plots_of(track, unit)
+    lines |= plots
+    extent = Extent(tracks)
+    recording.send_blueprint(_make_layout(tracks, lines, extent))
+    parts = [[("/", None, rr.ViewCoordinates.RIGHT_HAND_Z_UP)], _ground_parts(extent)]
+    for rank, track in enumerate(tracks):
         parts += [
             _robot_parts(track, rank == 0),
             _path_parts(track, rank),
             _name_parts(track, rank, extent),
         ]
-    if scene.target is not None:
-        parts += [_path_parts(scene.target, 0), _target_parts(scene.target, extent.scale)]
-    parts += [_line_parts(f"plots/{entity}", each, scene.gaps) for entity, each in plots.items()]
+    if target is not None:
+        parts += [_path_parts(target, 0), _target_parts(target, extent.scale)]
+    # lines are interrupted in the middle of each gap
+    gaps = np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(tracks[0].pieces)])
+    parts += [_line_parts(f"plots/{entity}", each, gaps) for entity, each in lines.items()]
     for entity, t, values in chain.from_iterable(parts):
         if t is None:
             recording.log(entity, values, static=True)
@@ -415,11 +416,11 @@ def rotation_centre(track: Track) -> FloatArray:
 # --- the layout ---
 
 
-def _make_layout(scene: Scene, plots: Plots, extent: Extent) -> rrb.Blueprint:
+def _make_layout(tracks: Sequence[Track], plots: Plots, extent: Extent) -> rrb.Blueprint:
     """Return the layout: robots and report on the left, plots on the right; it plays at once."""
     units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
-    first = scene.tracks[0].t[0]
-    last = max(track.t[-1] for track in scene.tracks)
+    first = tracks[0].t[0]
+    last = max(track.t[-1] for track in tracks)
     shown = rr.TimeRange(
         start=rr.TimeRangeBoundary.absolute(seconds=first),
         end=rr.TimeRangeBoundary.absolute(seconds=last + _LEGEND * (last - first)),
@@ -440,7 +441,7 @@ def _make_layout(scene: Scene, plots: Plots, extent: Extent) -> rrb.Blueprint:
             groups.append(rrb.Tabs(*views))
     return rrb.Blueprint(
         rrb.Horizontal(
-            _views_of_robots(scene, extent), rrb.Vertical(*groups), column_shares=[8, 5]
+            _views_of_robots(tracks, extent), rrb.Vertical(*groups), column_shares=[8, 5]
         ),
         rrb.TimePanel(timeline=_TIMELINE, state="collapsed", play_state="playing", loop_mode="off"),
         rrb.BlueprintPanel(state="collapsed"),
@@ -448,9 +449,9 @@ def _make_layout(scene: Scene, plots: Plots, extent: Extent) -> rrb.Blueprint:
     )
 
 
-def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
+def _views_of_robots(tracks: Sequence[Track], extent: Extent) -> rrb.Vertical:
     """Return the whole scene with the report behind it, above a view of the first robot."""
-    first = scene.tracks[0]
+    first = tracks[0]
     scale = extent.scale
     distance = extent.distance
     across = np.array([-extent.along[1], extent.along[0]])
@@ -463,7 +464,7 @@ def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
     hull = next(iter(looks_of(first.robot).solids["base"]))
     close = _world_view(
         f"Following {first.name}",
-        [f"- /world/{track.name}/robot/name" for track in scene.tracks],
+        [f"- /world/{track.name}/robot/name" for track in tracks],
         position=np.append(behind, 1.15 * scale),
         look_target=np.append(start[:2], 0.2 * scale),
         tracking_entity=f"/world/{first.name}/robot/base/{hull}",

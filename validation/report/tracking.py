@@ -46,8 +46,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from validation.report.scene import Scene
-
 _MUCH_SATURATED = 0.05
 """Share of time at its limits above which a robot follows these rather than its controller."""
 _UNSETTLED = 0.5
@@ -285,19 +283,13 @@ class Tracked(DrivenRobots):
         least = 1.0 if unit is DEGREES else 0.01 * unit.scale
         draw_curves(curves, least, ax, title=title, **self.time_axis)
 
-    def scene(self) -> Scene:
-        """Return robots, moving target and signals."""
-        from validation.report.scene import Scene
+    def record(self, path: Path) -> None:
+        """Write robots, moving target and signals, see `Report.record`."""
+        from validation.report.scene import write_scene  # here: rerun may be missing
 
         target, *tracks = self.tracks()
-        return Scene(
-            program=self.program,
-            title=f"{self.title}, profile {self.profile_label}",
-            tracks=tracks,
-            report=self.to_markdown(),
-            plots=self._time_plots(target.pieces[0]),
-            target=target,
-        )
+        title = f"{self.title}, profile {self.profile_label}"
+        write_scene(self, title, tracks, self._time_plots(target.pieces[0]), path, target)
 
     def _time_plots(self, target: Trajectory) -> Plots:
         """Return velocities, wanted and commanded, and errors over time, by entity."""

@@ -91,8 +91,8 @@ def with_jumps(
 def test_a_sound_log_has_no_faults() -> None:
     measured = faults_of(drive())
     assert measured.sentences() == []
-    assert measured.signals.jumps is not None
-    assert len(measured.signals.jumps.t) == 0
+    assert measured.jumps is not None
+    assert len(measured.jumps.t) == 0
     assert measured.uncommanded_share == 0.0
 
 
@@ -101,7 +101,7 @@ def test_a_sound_log_has_no_faults() -> None:
 )
 def test_jumps_are_found_where_they_are(name: str, size: float) -> None:
     at = [7.3, 20.0, 20.1, 41.5]
-    measured = faults_of(with_jumps(drive(), dict.fromkeys(at, size), name)).signals.jumps
+    measured = faults_of(with_jumps(drive(), dict.fromkeys(at, size), name)).jumps
     assert measured is not None
     np.testing.assert_allclose(measured.t, at)
     steps = measured.radians if name == "yaw" else measured.metres
@@ -115,7 +115,7 @@ def test_a_localiser_that_stalls_and_catches_up_does_not_jump() -> None:
     since = np.where(columns["t"] % 6.0 < 1.0, np.round((columns["t"] % 6.0) / DT), 0.0).astype(int)
     measured = faults_of(
         {**columns, **{name: columns[name][np.arange(1200) - since] + creep for name in ("x", "y")}}
-    ).signals.jumps
+    ).jumps
     assert measured is not None
     assert len(measured.t) == 0
     assert measured.caught_up >= 5
@@ -132,7 +132,7 @@ def test_a_fast_robot_slides_on_when_its_wheels_stop(monkeypatch: pytest.MonkeyP
 def test_motion_through_a_gap_is_no_jump() -> None:
     columns = drive()
     keep = (columns["t"] < 20.0) | (columns["t"] > 24.0)
-    measured = faults_of({n: a[keep] for n, a in columns.items()}).signals.jumps
+    measured = faults_of({n: a[keep] for n, a in columns.items()}).jumps
     assert measured is not None
     assert len(measured.t) == 0
 
@@ -140,13 +140,10 @@ def test_motion_through_a_gap_is_no_jump() -> None:
 def test_commands_say_how_fast_a_robot_without_encoders_is() -> None:
     columns = {n: a for n, a in drive().items() if not n.startswith("enc")}
     jumped = faults_of(with_jumps(columns, {30.0: 1.0}))
-    assert jumped.signals.jumps is not None
-    assert jumped.signals.jumps.t.tolist() == pytest.approx([30.0])
+    assert jumped.jumps is not None
+    assert jumped.jumps.t.tolist() == pytest.approx([30.0])
     assert jumped.uncommanded_share is None
-    assert (
-        faults_of({n: a for n, a in columns.items() if not n.startswith("cmd")}).signals.jumps
-        is None
-    )
+    assert faults_of({n: a for n, a in columns.items() if not n.startswith("cmd")}).jumps is None
 
 
 def test_driving_without_commands_is_measured() -> None:

@@ -229,7 +229,7 @@ def _log_document(found: Inspected) -> Document:
     seconds = {offset.behind: 0.0 for offset in offsets}
     for offset in offsets:
         seconds[offset.late] = offset.seconds
-    jumps = found.signals.jumps
+    jumps = found.jumps
     taken = [topic for topic in log.topics if topic.role]
     clock = "columns"
     if taken:
@@ -252,7 +252,7 @@ def _log_document(found: Inspected) -> Document:
         "uncommanded_share": found.uncommanded_share,
         "dead_columns": list(found.dead_columns),
         "faults": [asdict(fault) for fault in found.faults],
-        "gyro_at_rest": None if rest is None else asdict(rest),
+        "gyro_at_rest": rest,
         "parts": found.parts,
     }
 
@@ -291,7 +291,7 @@ def convert(o: Convert) -> LogReport:
     inspected = o.opened()
     log = inspected.log
     if o.sync:
-        log = synchronised(inspected.signals, inspected.offsets)
+        log = synchronised(inspected, inspected.offsets)
     if o.unbias:
         log = unbiased(log, inspected.rest)
     merged = log.cut(o.since, o.until).on_one_clock(o.rate)
@@ -335,7 +335,7 @@ def _next_step(o: LogOptions, found: Inspected) -> str:
             remedy += "says so"
         return (
             f"there is no {', '.join(missing)}, so no prediction of a pose can be judged"
-            f"{remedy}; {_without_pose(found.signals)}"
+            f"{remedy}; {_without_pose(found)}"
         )
     if found.lacks:
         return "next: drive what is missing, for a fit to this log would not be determined"
@@ -496,8 +496,8 @@ def _log_sentences(found: Inspected) -> list[str]:
             notes.append(f"{source}: {number}, the first from {start:.3f} to {end:.3f} s")
     if rest is not None:
         notes.append(
-            f"gyro at rest, {rest.seconds:.1f} s in all: mean {rest.bias:+.5f} rad/s "
-            f"({DEGREES.text(rest.bias)}°/s), standard deviation {rest.std:.5f} rad/s"
+            f"gyro at rest, {rest['seconds']:.1f} s in all: mean {rest['bias']:+.5f} rad/s "
+            f"({DEGREES.text(rest['bias'])}°/s), standard deviation {rest['std']:.5f} rad/s"
         )
     elif "imu" in log.groups:
         notes.append(

@@ -33,7 +33,7 @@ from ssmr.control.tick import (
     without_unused_parts,
 )
 from ssmr.control.waypoints import Target, Waypoints
-from ssmr.estimation.settings import NO_NUMBERS, Belief
+from ssmr.estimation.settings import NO_NUMBERS
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.bodies import Bodies
 from ssmr.robot.drive import (
@@ -124,7 +124,7 @@ def _rows_of(
     rows["law"] = np.array([t.law for t in trackers])
     rows["predicts"] = np.array([t.predicts for t in trackers])
     beliefs = zip(*(t.belief for t in trackers), strict=True)
-    rows["belief"] = Belief(*map(np.array, beliefs))
+    rows["belief"] = tuple(map(np.array, beliefs))
     gains = np.zeros((len(trackers), max(len(t.gains) for t in trackers)))
     for row, tracker in zip(gains, trackers, strict=True):
         row[: len(tracker.gains)] = tracker.gains
@@ -144,7 +144,7 @@ def _tracker_of(t: Any, i: int) -> Tracker:
         course=t.course,
         lookahead=t.lookahead[i],
         by_filter=t.by_filter,
-        belief=Belief(t.belief.mean[i], t.belief.covariance[i]),
+        belief=(t.belief[0][i], t.belief[1][i]),
         filter=named_like(NO_NUMBERS, t.filter[i]),
         noise=named_like(UNSEEN, t.noise[i]),
         sensors=named_like(NO_ERRORS, t.sensors[i]),

@@ -137,7 +137,7 @@ def _filter_observation(
     sample = sense_rates(k * clock.dt, wheels, truth.w, numbers, tracker.sensors)
     elapsed = clock.position * clock.dt if k else 0.0
     filter_step(belief, sample, elapsed, tracker.filter)
-    mean = belief.mean
+    mean, _ = belief
     return Observation(mean[X], mean[Y], mean[YAW], mean[V], mean[W])
 
 

@@ -180,7 +180,7 @@ def initial_belief(state: State) -> Belief:
     """
     numbers = [state.x, state.y, state.yaw, state.v_x, state.yaw_rate]
     mean = frozen_array(numbers, "the filter's start", (5,))
-    return Belief(mean.copy(), np.zeros((5, 5)))
+    return mean.copy(), np.zeros((5, 5))
 
 
 def run_ekf(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from ssmr.parameters import check_parameters, pack_numbers, parameter
 from ssmr.types import FloatArray
@@ -12,11 +12,9 @@ X, Y, YAW, V, W = range(5)
 """Places in the filter's state of x [m], y [m], yaw [rad], v [m/s], omega [rad/s]."""
 
 
-class Belief(NamedTuple):
-    """Everything that a filter remembers: the state it believes in, and how sure of it it is."""
-
-    mean: FloatArray  # (5,) x [m], y [m], yaw [rad], v [m/s], omega [rad/s]
-    covariance: FloatArray  # (5, 5) covariance of these, symmetric
+Belief = tuple[FloatArray, FloatArray]
+"""Everything that a filter remembers: the (5,) state that it believes in, x [m], y [m], yaw [rad],
+v [m/s] and omega [rad/s], and the (5, 5) covariance of these, symmetric."""
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
         return np.concatenate([v[j] - v[i] for v, (i, j) in zip(values, windows, strict=True)])
 
     motions = [motion for _, motion in pairs]
-    ways = [np.interp(m.t, *inspected.signals.ways["gyro_z"]) for m in motions]
+    ways = [np.interp(m.t, *inspected.ways["gyro_z"]) for m in motions]
     raw = [way - way[0] for way in ways]
     pose = turned([m.pose[:, 2] for m in motions])
     gyro = turned(raw)
@@ -118,7 +118,7 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
         drift = (turned(put("pose_yaw", 0.0)) - pose) / turned([m.t for m in motions])
         bias = sign * np.median(drift)
     else:
-        bias = rest.bias
+        bias = rest["bias"]
     delayed = put("pose_yaw", bias)
     apart = np.median(np.abs(turned(delayed) - pose))
     return GyroJudge(put("wheels", bias), delayed, apart)

@@ -325,8 +325,8 @@ def _sound_poses(inspected: Inspected, t: FloatArray) -> tuple[BoolArray, IndexA
 
     Second are the indices of the first instants after the jumps.
     """
-    jumps = inspected.signals.jumps
-    poses = inspected.signals.poses
+    jumps = inspected.jumps
+    poses = inspected.poses
     sound = np.ones(len(t), dtype=bool)
     if jumps is None or poses is None:
         return sound, np.empty(0, dtype=np.intp)

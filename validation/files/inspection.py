@@ -8,8 +8,8 @@ warns of columns that are not to be trusted.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from itertools import chain, pairwise
 from typing import Any
@@ -87,16 +87,9 @@ def standing(signals: Signals, t: FloatArray) -> BoolArray:
     return (np.minimum(before, after) > _REST_MARGIN) & covered
 
 
-@dataclass(frozen=True)
-class Rest:
-    """Readings of a gyro while the wheels stand."""
-
-    bias: float
-    """Mean of the readings [rad/s]."""
-    std: float
-    """Standard deviation of single readings [rad/s]."""
-    seconds: float
-    """Total time at rest [s]."""
+Rest = Mapping[str, float]
+"""Readings of a gyro while the wheels stand: their mean, `bias`, and the standard deviation of
+single ones, `std` [rad/s], and the time at rest, `seconds`."""
 
 
 def find_rest(signals: Signals) -> Rest | None:
@@ -109,7 +102,8 @@ def find_rest(signals: Signals) -> Rest | None:
     if seconds < REST_LEAST:
         return None
     readings = imu.columns["gyro_z"][still]
-    return Rest(float(np.mean(readings)), float(np.std(readings)), seconds)
+    bias = float(np.mean(readings))
+    return {"bias": bias, "std": float(np.std(readings)), "seconds": seconds}
 
 
 def unbiased(log: Log, rest: Rest | None) -> Log:
@@ -118,7 +112,7 @@ def unbiased(log: Log, rest: Rest | None) -> Log:
         raise FileError(
             log.path, f"unbias needs a gyro, and wheels that stand for {REST_LEAST:g} s in all"
         )
-    return log.changed("imu", {"gyro_z": log.columns["gyro_z"] - rest.bias})
+    return log.changed("imu", {"gyro_z": log.columns["gyro_z"] - rest["bias"]})
 
 
 # ------------------------------------------------------------------------------------------ faults
@@ -157,27 +151,16 @@ def _uncommanded_share(signals: Signals) -> float | None:
 
 
 # ------------------------------------------------------------------------------------------ the log
-@dataclass(frozen=True, eq=False)
-class Inspected:
+class Inspected(Signals):
     """A log as it was read, and what it shows by itself, each looked for once.
 
     A part of it is no other log: its clocks, its gyro and its columns are those of the whole.
     """
 
-    log: Log
-    """The log."""
-    radius: float | None = None
-    """Radius of the robot's wheels [m]; None where it is unknown."""
-
-    @cached_property
-    def signals(self) -> Signals:
-        """What its sensors tell of the motion."""
-        return Signals(self.log, self.radius)
-
     @cached_property
     def faults(self) -> tuple[LogFault, ...]:
         """Columns that are not what their names say."""
-        return (*self.log.faults, *_list_faults(self.signals))
+        return (*self.log.faults, *_list_faults(self))
 
     @cached_property
     def uncommanded_share(self) -> float | None:
@@ -185,7 +168,7 @@ class Inspected:
 
         None without commands or wheels.
         """
-        return _uncommanded_share(self.signals)
+        return _uncommanded_share(self)
 
     @cached_property
     def dead_columns(self) -> tuple[str, ...]:
@@ -198,7 +181,7 @@ class Inspected:
 
     def sentences(self) -> list[str]:
         """Return what is to be known before its numbers are used, besides its `faults`."""
-        jumps = self.signals.jumps
+        jumps = self.jumps
         notes = [] if jumps is None else jumps.sentences()
         share = self.uncommanded_share
         if share is not None and share >= 0.01:
@@ -211,22 +194,22 @@ class Inspected:
     @cached_property
     def parts(self) -> list[dict[str, Any]]:
         """What each part of it tells of the robot, see `find_parts`."""
-        return find_parts(self.signals)
+        return find_parts(self)
 
     @cached_property
     def offsets(self) -> tuple[Offset, ...]:
         """Delays between its signals."""
-        return tuple(estimate_offsets(self.signals))
+        return tuple(estimate_offsets(self))
 
     @cached_property
     def rest(self) -> Rest | None:
         """The gyro's readings while the robot stands; None without any."""
-        return find_rest(self.signals)
+        return find_rest(self)
 
     @cached_property
     def lacks(self) -> tuple[str, ...]:
         """A sentence for each thing that it cannot tell, and what to drive."""
-        return tuple(_find_lacks(self.signals))
+        return tuple(_find_lacks(self))
 
     @property
     def unsolved(self) -> list[LogFault]:
@@ -245,7 +228,7 @@ class Inspected:
         None where the whole has none, a fault has no ends, or the rest tells too little. When a
         fault begins and ends is known to the width of a window.
         """
-        margin = self.signals.windows.width
+        margin = self.windows.width
         first = float(min(group.t[0] for group in self.log.groups.values()))
         last = float(max(group.t[-1] for group in self.log.groups.values()))
         faulty = [

@@ -34,11 +34,11 @@ numbers = st.floats(-3.0, 3.0)
 def random_belief(seed: int) -> Belief:
     rng = np.random.default_rng(seed)
     root = 0.3 * rng.standard_normal((5, 5))
-    return Belief(rng.standard_normal(5), root @ root.T)
+    return rng.standard_normal(5), root @ root.T
 
 
 def copied(belief: Belief) -> Belief:
-    return Belief(belief.mean.copy(), belief.covariance.copy())
+    return belief[0].copy(), belief[1].copy()
 
 
 def motion(mean: FloatArray, dt: float) -> FloatArray:
@@ -162,15 +162,15 @@ def test_it_is_the_textbook_filter(
         sensed = SensorLog(0.0, left + k, right, gyro - 0.1 * k)
         filter_step(belief, sensed, dt, s.packed())
         mean, p = textbook_step(mean, p, sensed, dt, s)
-        assert np.allclose(belief.mean, mean, rtol=1e-10, atol=1e-10)
-        assert np.allclose(belief.covariance, p, rtol=1e-10, atol=1e-10)
+        assert np.allclose(belief[0], mean, rtol=1e-10, atol=1e-10)
+        assert np.allclose(belief[1], p, rtol=1e-10, atol=1e-10)
 
 
 @given(numbers, numbers, st.floats(0.05, 1.0), st.floats(0.0, 1.0))
 def test_how_a_straight_way_is_cut_does_not_matter(
     yaw: float, v: float, dt: float, cut: float
 ) -> None:
-    whole = Belief(np.array([0.3, 0.4, yaw, v, 0.0]), random_belief(7).covariance)
+    whole = np.array([0.3, 0.4, yaw, v, 0.0]), random_belief(7)[1]
     parts = copied(whole)
     process = EkfSettings(
         process_position=0.1, process_yaw=0.2, process_v=0.3, process_yaw_rate=0.4
@@ -199,16 +199,16 @@ def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild:
         left, right, gyro = wild * rng.standard_normal((3, n))
         gyro[rng.random(n) < 0.3] = np.nan
         _filter_log(SensorLog(t, left, right, gyro), STOCK.packed(), belief, out)
-        p = belief.covariance
+        p = belief[1]
         assert np.array_equal(p, p.T)
-        assert np.all(np.isfinite(belief.mean))
+        assert np.all(np.isfinite(belief[0]))
         scale = 1.0 / np.sqrt(np.diag(p))
         np.linalg.cholesky(p * np.outer(scale, scale))  # raises unless positive definite
 
 
 def test_a_sharp_measurement_of_a_wide_guess_leaves_a_positive_variance() -> None:
     """P R/S and not P - P P/S, of which 24 orders of magnitude below P nothing would be left."""
-    mean, p = belief = Belief(np.zeros(5), 0.5e12 * (np.eye(5) + np.ones((5, 5))))
+    mean, p = belief = np.zeros(5), 0.5e12 * (np.eye(5) + np.ones((5, 5)))
     update_belief(belief, 3, 1.0, 1e-12)
     assert np.allclose(p[3], 1e-12 * np.array([0.5, 0.5, 0.5, 1.0, 0.5]), rtol=ROUNDOFF, atol=0.0)
     assert np.array_equal(p, p.T)
@@ -231,7 +231,7 @@ class Fleet:
         rng, s = np.random.default_rng(2024), replace(STOCK, process_yaw=1e-4)
         start = np.array([0.5, -0.3, 0.4, 0.6, 0.2])
         truth = start + SURE * rng.standard_normal((self.RUNS, 5))
-        beliefs = [Belief(start.copy(), np.diag(np.square(SURE))) for _ in range(self.RUNS)]
+        beliefs = [(start.copy(), np.diag(np.square(SURE))) for _ in range(self.RUNS)]
         h = self.DT / self.PARTS
         root = np.sqrt(
             h
@@ -258,12 +258,12 @@ class Fleet:
                 for j, (state, value, r) in enumerate(
                     zip((3, 4, 4), sensed[i], variances, strict=True)
                 ):
-                    self.nis[k, i, j] = (value - belief.mean[state]) ** 2 / (
-                        belief.covariance[state, state] + r
+                    self.nis[k, i, j] = (value - belief[0][state]) ** 2 / (
+                        belief[1][state, state] + r
                     )
                     update_belief(belief, state, value, r)
-                self.errors[k, i] = truth[i] - belief.mean
-                self.p[k, i] = belief.covariance
+                self.errors[k, i] = truth[i] - belief[0]
+                self.p[k, i] = belief[1]
 
 
 @pytest.fixture(scope="module")

@@ -215,7 +215,7 @@ def run_ekf(
             raise ValueError(f"the gyro gave nothing in the {standing:g} s of rest")
         settings = replace(settings, gyro_bias=float(np.nanmean(at_rest)))
     belief = initial_belief(start)
-    n = len(belief.mean)
+    n = len(belief[0])
     out = np.empty((len(times), 2 * n + 9))
     _filter_log(SensorLog(times, left, right, gyro), settings.packed(), belief, out)
     mean, std, covariance = np.split(out, [n, 2 * n], axis=1)

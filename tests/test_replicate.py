@@ -23,7 +23,6 @@ from validation.replicate import gazebo, published, replicate
 from validation.replicate.chapters import (
     QUICK,
     Findings,
-    Section,
     Task,
     chapter_lines,
     chapter_of,
@@ -52,22 +51,18 @@ SMALL = {**QUICK, "fit": (8, 3), "draws": 1}
 TASK = Task(1, 2, ignore_progress, **SMALL)
 
 
-def section(key: str) -> Section:
-    return next(s for s in ALL_SECTIONS if s.key == key)
-
-
 # --------------------------------------------------------------------------------------------------
 # the program
 
 
 def test_every_table_of_the_thesis_has_one_section_that_answers_for_it() -> None:
-    answered = [t for s in ALL_SECTIONS for t in s.tables]
+    answered = [number for numbers, _ in ALL_SECTIONS.values() for number in numbers]
     assert len(answered) == len(set(answered))
     assert set(answered) == WANTED
 
 
 def test_sections_are_chosen_by_key_and_by_table_in_their_own_order() -> None:
-    assert [s.key for s in chosen_sections(ALL_SECTIONS, ("4.9", "noise", "3.9"))] == [
+    assert list(chosen_sections(ALL_SECTIONS, ("4.9", "noise", "3.9"))) == [
         "noise",
         "fit-coulomb",
         "tables",
@@ -77,13 +72,12 @@ def test_sections_are_chosen_by_key_and_by_table_in_their_own_order() -> None:
 
 
 def test_every_template_has_a_caption_for_each_of_its_tables() -> None:
-    for each in ALL_SECTIONS:
-        text = read_template(each.key.partition("-")[0]).splitlines()
+    for key, (numbers, _) in ALL_SECTIONS.items():
+        text = read_template(key.partition("-")[0]).splitlines()
         headings = [line[3:].partition(": ")[0] for line in text if line.startswith("## ")]
         spans = [h.split("–") for h in headings if not h.startswith("{")]
-        assert len(headings) == len(each.tables) or {t for span in spans for t in span} <= set(
-            each.tables
-        ), each.key
+        shown = {t for span in spans for t in span}
+        assert len(headings) == len(numbers) or shown <= set(numbers), key
 
 
 def test_files_hold_every_number_beside_ours_with_a_verdict(
@@ -149,7 +143,7 @@ def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis(
 
     Wrong stamps are noise of X alone.
     """
-    measured = section("noise").run(TASK._replace(draws=3))
+    measured = ALL_SECTIONS["noise"][1](TASK._replace(draws=3))
     for name, pairs in measured.tables["3.4"].items():
         pair = pairs["variance"]
         assert pair.ours is not None
@@ -240,11 +234,12 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(
         raise EngineMissingError("install it")
 
     monkeypatch.setattr(gazebo, "load_ode", missing)
-    measured: Findings = section("gazebo").run(TASK)
+    numbers, run = ALL_SECTIONS["gazebo"]
+    measured: Findings = run(TASK)
     assert {row["straight_share"].obstacle for row in measured.tables["Sec. 3.7"].values()} == {
         "install it"
     }
-    assert "install it" in "\n".join(chapter_lines(chapter_of(section("gazebo"), measured)))
+    assert "install it" in "\n".join(chapter_lines(chapter_of("gazebo", numbers, measured)))
 
 
 @pytest.mark.slow
@@ -301,11 +296,9 @@ def test_ramps_are_taken_away_and_white_noise_leaves_its_share(rate: float) -> N
 
 def test_a_fit_that_leaves_more_to_reach_agrees_with_nothing() -> None:
     """A population of five in a single generation ends anywhere; so does a distance that it has."""
-    section = next(s for s in ALL_SECTIONS if s.key == "fit-linear")
-    found = section.run(Task(0, 1, ignore_progress, fit=(5, 1)))
+    key = "fit-linear"
+    found = ALL_SECTIONS[key][1](Task(0, 1, ignore_progress, fit=(5, 1)))
     assert {row.whole.status for row in found.rows} == {"not compared"}
-    report = Replication(
-        title="", options={"quick": False}, findings={section.key: found}, chapters=[]
-    )
+    report = Replication(title="", options={"quick": False}, findings={key: found}, chapters=[])
     assert report.unconverged == ["3.14", "3.15"]
     assert any("did not converge: tables 3.14, 3.15" in note for note in report.notes())

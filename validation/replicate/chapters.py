@@ -75,32 +75,27 @@ class Findings:
         return judged_rows(self.tables)
 
 
-class Section(NamedTuple):
-    """A part of the replication that runs by itself and answers for some tables of the thesis."""
-
-    key: str
-    """Name on the command line, which begins with that of its template."""
-    tables: Sequence[str]
-    """Numbers of its tables."""
-    run: Callable[[Task], Findings]
-    """Function that finds them."""
+Sections = Mapping[str, tuple[Sequence[str], Callable[[Task], Findings]]]
+"""Parts of the replication that run by themselves, by their names on the command line, which begin
+with those of their templates: the numbers of the tables of the thesis that each answers for, and
+the function that finds them."""
 
 
-def chosen_sections(sections: Sequence[Section], names: Sequence[str]) -> list[Section]:
+def chosen_sections(sections: Sections, names: Sequence[str]) -> Sections:
     """The sections with these keys or tables, in their own order; all of them if none is named.
 
     Raises:
         ValueError: an unknown name; the message lists the keys.
     """
     for name in names:
-        if not any(name == section.key or name in section.tables for section in sections):
-            keys = ", ".join(section.key for section in sections)
+        if not any(name == key or name in tables for key, (tables, _) in sections.items()):
+            keys = ", ".join(sections)
             raise ValueError(
                 f"'{name}' in only is no section ({keys}) and no table of one of them, such as 3.9"
             )
     if not names:
-        return list(sections)
-    return [s for s in sections if not {s.key, *s.tables}.isdisjoint(names)]
+        return sections
+    return {k: s for k, s in sections.items() if not {k, *s[0]}.isdisjoint(names)}
 
 
 def read_template(name: str) -> str:
@@ -126,9 +121,9 @@ def chapter_lines(chapter: Chapter) -> list[str]:
     return [*lines, *text.splitlines()]
 
 
-def chapter_of(section: Section, findings: Findings) -> Chapter:
-    """Return the findings of a section as a chapter."""
-    filled = read_template(section.key.partition("-")[0]).format_map(dict(findings.words))
+def chapter_of(key: str, numbers: Sequence[str], findings: Findings) -> Chapter:
+    """Return the findings of a section, which answers for tables of these numbers, as a chapter."""
+    filled = read_template(key.partition("-")[0]).format_map(dict(findings.words))
     title, *lines = filled.strip().splitlines()
     tables = []
     sentences = []
@@ -136,16 +131,16 @@ def chapter_of(section: Section, findings: Findings) -> Chapter:
         if not line.startswith("## "):
             sentences.append(line)
             continue
-        numbers, _, caption = line.removeprefix("## ").partition(": ")
-        first, _, last = numbers.partition("–")
+        shown, _, caption = line.removeprefix("## ").partition(": ")
+        first, _, last = shown.partition("–")
         lower = order_of(first)
         upper = order_of(last or first)
         rows = [row for row in findings.rows if lower <= order_of(row.table) <= upper]
-        tables.append(_side_by_side(f"{_table_name(numbers)}. {caption}", rows))
+        tables.append(_side_by_side(f"{_table_name(shown)}. {caption}", rows))
     text = "\n".join(sentences).strip()
-    where = ", ".join(map(_table_name, section.tables))
-    if len(section.tables) > 2:
-        where = f"{_table_name(section.tables[0])}–{section.tables[-1]}"
+    where = ", ".join(map(_table_name, numbers))
+    if len(numbers) > 2:
+        where = f"{_table_name(numbers[0])}–{numbers[-1]}"
     return f"{title.removeprefix('# ')} ({where})", [*tables, *findings.more], text
 
 

@@ -30,7 +30,7 @@ from validation.output import Document
 from validation.replicate import published
 from validation.replicate.chapters import (
     Findings,
-    Section,
+    Sections,
     Task,
     finished_results,
     standard_deviation,
@@ -355,12 +355,12 @@ def _find_saturation(task: Task) -> Findings:
     return Findings({"Sec. 4.5, motors": rows}, {"seeds": task.draws})
 
 
-CONTROL_SECTIONS = (
-    *(
-        Section(f"tune-{law}", (number,), partial(_tune_gains, law))
+CONTROL_SECTIONS: Sections = {
+    **{
+        f"tune-{law}": ((number,), partial(_tune_gains, law))
         for law, number in TUNED_TABLES.items()
-    ),
-    Section("saturation", ("Sec. 4.5, motors",), _find_saturation),
-    Section("tables", (*CONTROL_TABLES, "4.37"), _track_references),
-)
+    },
+    "saturation": (("Sec. 4.5, motors",), _find_saturation),
+    "tables": ((*CONTROL_TABLES, "4.37"), _track_references),
+}
 """The sections on chapter 4."""

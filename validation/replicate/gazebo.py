@@ -27,7 +27,7 @@ from validation.experiment.sources import open_source
 from validation.output import Document
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate import published
-from validation.replicate.chapters import Findings, Section, Task, standard_deviation, swept_rows
+from validation.replicate.chapters import Findings, Task, standard_deviation, swept_rows
 from validation.replicate.verdicts import Pair, Rule
 from validation.report.columns import METRES
 from validation.report.table import Row, Table
@@ -185,5 +185,5 @@ def _repeat_gazebo(task: Task) -> Findings:
     return Findings({"Sec. 3.7": rows}, words, [table])
 
 
-GAZEBO_SECTION = Section("gazebo", ("Sec. 3.7",), _repeat_gazebo)
+GAZEBO_SECTION = {"gazebo": (("Sec. 3.7",), _repeat_gazebo)}
 """The section on Gazebo."""

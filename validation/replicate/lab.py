@@ -14,7 +14,7 @@ from validation.compare import compare
 from validation.experiment.sources import Piece, Source
 from validation.plants.profile import load_profile, odometry_of
 from validation.replicate import published
-from validation.replicate.chapters import Findings, Section, Task, standard_deviation
+from validation.replicate.chapters import Findings, Task, standard_deviation
 from validation.replicate.verdicts import Pair
 
 _PROFILE = "thesis-lab"
@@ -126,5 +126,5 @@ def _find_noise(task: Task) -> Findings:
     return Findings({"3.4": rows}, words)
 
 
-NOISE_SECTION = Section("noise", ("3.4",), _find_noise)
+NOISE_SECTION = {"noise": (("3.4",), _find_noise)}
 """The section on the sensors' noise."""

@@ -18,7 +18,7 @@ from validation.output import Document
 from validation.plants.profile import load_profile, make_plant
 from validation.plants.table import plant_kind
 from validation.replicate import published
-from validation.replicate.chapters import Findings, Section, Task, finished_results, unit_of_metric
+from validation.replicate.chapters import Findings, Sections, Task, finished_results, unit_of_metric
 from validation.replicate.verdicts import FACTOR, RULE_OF, UNCONVERGED, Pair, Rows, Rule
 
 _PROFILE = "thesis-lab"
@@ -145,8 +145,8 @@ def alternating_samples(acceleration: FloatArray) -> int:
     return int(np.sum(changes[:-1] & changes[1:]))
 
 
-MODEL_SECTIONS = (
-    *(Section(f"fit-{name}", tables, partial(_fit_model, name)) for name, tables in _FITS.items()),
-    Section("accelerations", ("Fig. 3.33",), _count_alternations),
-)
+MODEL_SECTIONS: Sections = {
+    **{f"fit-{name}": (tables, partial(_fit_model, name)) for name, tables in _FITS.items()},
+    "accelerations": (("Fig. 3.33",), _count_alternations),
+}
 """The sections on chapter 3."""

@@ -17,7 +17,7 @@ from validation.replicate.chapters import (
     QUICK,
     Chapter,
     Findings,
-    Section,
+    Sections,
     Task,
     chapter_lines,
     chapter_of,
@@ -49,12 +49,12 @@ from validation.report.palette import VERDICT_INKS
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table, markdown_table
 
-ALL_SECTIONS: tuple[Section, ...] = (
-    NOISE_SECTION,
-    *MODEL_SECTIONS,
-    GAZEBO_SECTION,
-    *CONTROL_SECTIONS,
-)
+ALL_SECTIONS: Sections = {
+    **NOISE_SECTION,
+    **MODEL_SECTIONS,
+    **GAZEBO_SECTION,
+    **CONTROL_SECTIONS,
+}
 """Every section, in the order of the report."""
 
 
@@ -191,23 +191,21 @@ def replicate(o: Replicate) -> Replication:
     """
     sections = chosen_sections(ALL_SECTIONS, o.only)
     findings = _run_sections(o, sections)
-    done = [section for section in sections if section.key in findings]
     return Replication(
         title="The thesis' results beside this project's",
         options={"quick": o.quick, "only": o.only, "seed": o.seed},
         status=FINISHED if len(findings) == len(sections) else INTERRUPTED,
         findings=findings,
-        chapters=[chapter_of(section, findings[section.key]) for section in done],
+        chapters=[chapter_of(key, sections[key][0], found) for key, found in findings.items()],
     )
 
 
-def _run_sections(o: Replicate, sections: Sequence[Section]) -> dict[str, Findings]:
+def _run_sections(o: Replicate, sections: Sections) -> dict[str, Findings]:
     """Return the findings by section; an interrupt leaves out those that are not finished."""
     findings = dict[str, Findings]()
-    for section in sections:
+    for key, (_, run) in sections.items():
         try:
-            task = _make_task(o, section.key, len(findings), len(sections))
-            findings[section.key] = section.run(task)
+            findings[key] = run(_make_task(o, key, len(findings), len(sections)))
         except KeyboardInterrupt:
             if not findings:
                 raise
@@ -246,7 +244,7 @@ def _leading_text(
     options: Document, findings: Mapping[str, Findings], unexplained: Sequence[str], counts: _Counts
 ) -> str:
     """Return the page's beginning: what the verdicts mean, and how many rows have which."""
-    missing = [s.key for s in ALL_SECTIONS if s.key not in findings]
+    missing = [key for key in ALL_SECTIONS if key not in findings]
     status = _by_status(counts)
     agreeing = {str(e): counts[e, "agrees"] + counts[e, "agrees if"] for e in EVIDENCE}
     explained = "Every difference has a known reason."

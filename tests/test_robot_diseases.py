@@ -535,6 +535,21 @@ def hang_spring(root: Element, spec: Spec) -> None:
     hinge(root, spec, stiffness=1.5)
 
 
+def in_grams(root: Element, spec: Spec) -> None:
+    """Masses in grams, inertia in kg m2."""
+    weigh(root, spec, name="base", mass=1e3)
+    weigh_wheels(root, spec, mass=1e3, inertia=1.0)
+
+
+def mix_angles(root: Element, spec: Spec) -> None:
+    """Wheels that stand upright by angles in radians, in a file in degrees."""
+    for corner in CORNERS:
+        for body in find_all(root, "body", name=f"^{corner}"):
+            body.set("euler", words(math.pi / 2, 0, 0))
+    put(root, spec, tag="joint", which="_hinge$", axis="0 0 -1")
+    put(root, spec, tag="geom", which="_tyre$", zaxis="0 0 1")
+
+
 LEFT, RIGHT = ("front_left", "rear_left"), ("front_right", "rear_right")
 DISEASES = (
     Disease(
@@ -624,6 +639,18 @@ DISEASES = (
     ),
     Disease("names_swapped", ALL, swap_names, ("names", "controller"), "left|right"),
     Disease("millimetres", ALL, in_millimetres, (), "mm|millimet|metres"),
+    Disease("grams", ALL, in_grams, (), "grams"),
+    Disease("angles_mixed", MJCF, mix_angles, (), "<compiler angle>"),
+    Disease("wheel_inertia_g_cm2", ALL, partial(weigh_wheels, mass=1, inertia=1e7), (), "g cm2"),
+    Disease("step_20_us", MJCF, partial(option, timestep="2e-5"), (), "times slower"),
+    Disease("margin", MJCF, partial(tyres, margin="0.03"), (), "margin"),
+    Disease(
+        "masks_apart",
+        MJCF,
+        partial(tyres, contype="2", conaffinity="4"),
+        ("contact",),
+        "contype",
+    ),
     Disease("hull_in_ground", ALL, move_hull, ("hull",), "hull|ground|body"),
     Disease(
         "toe_in",

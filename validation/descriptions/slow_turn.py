@@ -110,12 +110,9 @@ class SlowTurn:
         return self.load * (1.0 - float(pulled * falls))
 
     def unevenness(self) -> float:
-        """Return how far an axle is from the plane of the three others, over what gives way [1].
-
-        Suspensions give way to any.
-        """
+        """Return how far an axle is from the plane of the three others, over what gives way [1]."""
         sinking = np.nanmax(self.load / self.of_wheels("kp"), initial=_EQUAL * self.radius)
-        return 0.0 if self.has_suspension() else NOTICED * self.gap / float(sinking)
+        return NOTICED * self.gap / float(sinking)
 
     def unbalance(self) -> FloatArray:
         """Return the greatest moment of each wheel's weight about its axle [N m]."""
@@ -139,15 +136,6 @@ class SlowTurn:
         ways = gears * self.foreign.wheeled.signs
         most = 1.0 if ways.sum() >= 0.0 else -1.0
         return np.where(ways * most < 0.0, float((np.ptp(gears) > 0.0) == by_gear), 0.0)
-
-    def has_suspension(self) -> bool:
-        """Return whether something between base and wheels gives way."""
-        wheeled = self.foreign.wheeled
-        moving = set(np.flatnonzero(self.model.body_jntnum).tolist())
-        for body in moving.difference(wheeled.bodies):
-            if 0 < sum(wheeled.is_below(wheel, body) for wheel in wheeled.bodies) < 4:
-                return True
-        return False
 
     def _strange_joints(self) -> list[str]:
         """Return the joints that a controller drives and that are not in the file."""

@@ -474,7 +474,7 @@ PRICES = {
         "reinforcement learning on the robot: Gymnasium, also many as one batch, and dm_control",
     ),
     "validation/descriptions": Price(
-        38_000,
+        37_200,
         8,
         40,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "

@@ -136,7 +136,7 @@ IMU_LATER = [("/imu", 5.0 + 0.1 * k, make.imu(5.0 + 0.1 * k, (0.0, 0.0, 0.0))) f
 FAULTS: dict[str, tuple[list[Message], str]] = {
     "no number": (
         poses_at(value=math.nan),
-        "/pose, 0.000 s: x is nan m, wanted a finite number [m]; topics pose=none",
+        "/pose, 0.000 s: x is nan, wanted a finite number [m]; topics pose=none",
     ),
     "no overlap": (
         [*poses_at(10), *IMU_LATER],

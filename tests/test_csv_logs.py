@@ -6,6 +6,7 @@ import logging
 import math
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -261,6 +262,23 @@ def test_stretches_span_no_gap_and_lose_only_lone_samples(steps: list[float]) ->
         inside[stretch] = True
     step = np.concatenate([[np.inf], np.diff(log.t), [np.inf]])
     assert np.array_equal(inside, (step[:-1] <= limit) | (step[1:] <= limit))
+
+
+@pytest.mark.parametrize("share", [0.03, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_that_chance_loses_end_no_piece(share: float, seed: int) -> None:
+    """Of an even raster; what chance does not explain is a gap as before, and a cut moves none."""
+    draw = np.random.default_rng(seed)
+    t = 0.02 * np.flatnonzero(draw.random(6000) > share)
+    t = t[(t < 50.0) | (t > 51.5)]
+    log = timed(t.tolist())
+    pieces = [log.t[piece] for piece in log.stretches()]
+    assert any(piece[-1] < 50.0 and after[0] > 51.5 for piece, after in pairwise(pieces))
+    assert len(pieces) < 10
+    assert max(map(np.ptp, pieces)) > 10.0
+    part = log.cut(10.0, 20.0)
+    ends = {float(piece[-1]) for piece in pieces}
+    assert {float(part.t[s][-1]) for s in part.stretches()[:-1]} <= ends
 
 
 def test_bursts_are_no_gaps() -> None:

@@ -81,10 +81,10 @@ T = 0.05 * np.arange(1200)
             T * 1e9,
             2,
             "the median step is 5e+07 s, but the limit period is 5 s; t looks like nanoseconds: "
-            "divide",
+            "--columns t=t:ns",
         ),
-        (T * 1e6, 2, "t looks like microseconds: divide it by 1e+06"),
-        ((1.7e9 + T) * 1e3, 2, "t looks like milliseconds: divide it by 1000"),
+        (T * 1e6, 2, "t looks like microseconds: --columns t=t:us"),
+        ((1.7e9 + T) * 1e3, 2, "t looks like milliseconds: --columns t=t:ms"),
         (T * 1e300, 2, "the median step is 5e+298 s"),
         (T * 1e-300, 2, "the median step is 5e-302 s, but the limit rate is 100000 Hz"),
         (

@@ -8,19 +8,24 @@ import itertools
 import math
 import random
 import re
-from collections.abc import Sequence
+import shlex
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ssmr.types import FloatArray
+from validation.cli.options import _TEXTS
 from validation.files.columns import UNITS, count_on, parse_unit
 from validation.files.csv_logs import read_csv
 from validation.files.formats import read_log
 from validation.files.log import Log, ReadOptions
 from validation.files.names import taken_by_name
 from validation.files.reading import FileError
+from validation.recordings import info
 
 RADIUS = 0.165
 TICKS = 90.0
@@ -299,6 +304,148 @@ def test_wrapped_ticks_in_a_table_are_rates(tmp_path: Path) -> None:
         exact = np.gradient(values, T) * 2 * math.pi / TICKS
         np.testing.assert_allclose(log.columns[name], exact, atol=1e-6)
     assert any("counts to 900" in remark for remark in log.remarks)
+
+
+NUMBERS: dict[str, Callable[[str], str]] = {
+    "narrow spaces and a comma": lambda text: text.replace(",", "\u202f").replace(".", ","),
+    "spaces that do not break": lambda text: text.replace(",", "\u00a0"),
+    "thin spaces": lambda text: text.replace(",", "\u2009").replace(".", ","),
+    "apostrophes": lambda text: text.replace(",", "'"),
+    "typographic apostrophes": lambda text: text.replace(",", "\u2019").replace(".", ","),
+    "commas and a point": lambda text: text,
+    "points and a comma": lambda text: text.translate(str.maketrans(",.", ".,")),
+    "a minus that is none": lambda text: text.replace(",", "").replace("-", "\u2212"),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_digits_in_groups_of_three_are_the_same_number(tmp_path: Path, name: str) -> None:
+    x = 1234.5 * np.cos(T) * 10.0 ** (np.arange(len(T)) % 6 - 2)
+    write = NUMBERS[name]
+    rows = (f"{write(f'{t:.2f}')};{write(f'{v:,.4f}')}" for t, v in zip(T, x, strict=True))
+    log = read(tmp_path / "a.csv", "\n".join(["t;x", *rows]))
+    np.testing.assert_allclose(log.columns["x"], x, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "cell", ["12 34", "1 2345", "1'23", "1 234'567", "1:2", "1:2:3", "-:10:00"]
+)
+def test_digits_that_are_no_groups_are_no_number(tmp_path: Path, cell: str) -> None:
+    with pytest.raises(FileError, match="wanted a finite number"):
+        read(tmp_path / "a.csv", f"t;x\n0;1\n1;{cell}\n2;3\n")
+
+
+TIMES: dict[str, Callable[[float], str]] = {
+    "hours": lambda t: f"{t // 3600:02.0f}:{t // 60 % 60:02.0f}:{t % 60:06.3f}",
+    "hours and a comma": lambda t: TIMES["hours"](t).replace(".", ","),
+    "minutes": lambda t: f"{t // 60:02.0f}:{t % 60:06.3f}",
+    "days": lambda t: f"0 days {TIMES['hours'](t)}000",
+}
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_durations_are_seconds(tmp_path: Path, name: str) -> None:
+    t = 3540.0 + 1.5 * np.arange(100)
+    text = "\n".join(["t;x", *(f"{TIMES[name](s)};0,5" for s in t.tolist())])
+    np.testing.assert_allclose(read(tmp_path / "a.csv", text).t, t, atol=1e-9)
+
+
+# ----------------------------------------------------------------------------- what is to be done
+def said_of(path: Path, content: str, **options: object) -> str:
+    with pytest.raises(FileError) as refused:
+        read(path, content, **options)
+    return str(refused.value)
+
+
+def as_said(text: str) -> dict[str, tuple[str, str]]:
+    """The columns of the first option in a message, as the command line reads them."""
+    option = shlex.split(re.search(r"--columns (.*)", text)[1])[0]  # type: ignore[index]
+    return _TEXTS[Mapping[str, tuple[str, str]]][1](option.rstrip(";,"))
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+@pytest.mark.parametrize("rest", [{}, {"gyro_z": 3}], ids=["one clock", "empty cells"])
+def test_time_in_another_unit_has_its_option(
+    tmp_path: Path, unit: str, rest: dict[str, int]
+) -> None:
+    columns = {"t": T / UNITS[unit][1], "x": MOTION["x"]}
+    columns |= {name: np.where(np.arange(len(T)) % n, np.nan, T) for name, n in rest.items()}
+    text = written(columns).replace("nan", "")
+    said = said_of(tmp_path / "a.csv", text)
+    log = read(tmp_path / "a.csv", text, columns=as_said(said))
+    np.testing.assert_allclose(log.groups["pose"].t, T, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["", "moment", "my clock"])
+def test_a_column_that_increases_is_offered_for_time(tmp_path: Path, name: str) -> None:
+    text = written({"n": np.arange(400.0), "x": -T, "y": np.sin(T), name: T})
+    log = read(tmp_path / "a.csv", text, columns=as_said(said_of(tmp_path / "a.csv", text)))
+    np.testing.assert_allclose(log.t, T, atol=1e-9)
+
+
+def test_rows_without_time_are_offered_no_count_of_rows(tmp_path: Path) -> None:
+    text = written({"": np.arange(400.0), "x": np.sin(T)})
+    assert "--columns t=NAME,x=NAME says" in said_of(tmp_path / "a.csv", text)
+
+
+@pytest.mark.skipif(shutil.which("awk") is None, reason="there is no awk")
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize(
+    "together", ["robots in turn", "robots one after another", "clock set back"]
+)
+def test_what_is_said_of_time_that_goes_back_runs(
+    tmp_path: Path, together: str, separator: str
+) -> None:
+    path = tmp_path / "two drives.csv"
+    robots = ["husky_1"] * len(T) + ["husky_2"] * len(T)
+    x = [*T, *(T + 5.0)]
+    rows = [",".join(map(str, row)) for row in zip([*T, *T], x, robots, strict=True)]
+    if together == "robots in turn":
+        rows.sort(key=lambda row: float(row.split(",")[0]))
+    if together == "clock set back":
+        rows = [row.replace("husky_2", "husky_1") for row in rows]
+    said = said_of(path, "\r\n".join(["t,x,robot", *rows]).replace(",", separator))
+    assert ("column robot tells apart" in said) == (together != "clock set back")
+    command = said[said.index("awk") : said.index(" keeps")]
+    subprocess.run(command, shell=True, cwd=tmp_path, check=True)
+    np.testing.assert_allclose(read_csv(tmp_path / "part.csv").columns["x"], T)
+
+
+def test_stamps_that_rows_share_are_counted(tmp_path: Path) -> None:
+    whole = said_of(tmp_path / "a.csv", written({"t": np.floor(T), "x": T}))
+    assert "392 of 400 rows repeat the stamp before; t has lost its fraction" in whole
+    pairs = said_of(tmp_path / "a.csv", written({"t": np.repeat(T[::2], 2), "x": T}))
+    assert "200 of 400 rows repeat the stamp before" in pairs
+    assert "fraction" not in pairs
+
+
+def test_degrees_of_latitude_and_longitude_become_metres(tmp_path: Path) -> None:
+    lat = 59.3 + MOTION["y"] / 111_400.0
+    lon = 18.0 + MOTION["x"] / 56_975.0
+    lat[0] = math.nan
+    columns = {"t": T, "lon": lon, "lat": lat, "yaw": YAW}
+    path = tmp_path / "a.csv"
+    path.write_text(written(columns).replace("nan", ""))
+    said = next(note for note in info(path).notes() if "makes metres" in note)
+    log = read(path, path.read_text(), columns=as_said(said))
+    for name in ("x", "y"):
+        away = log.columns[name] - MOTION[name][1:]
+        assert np.ptp(away) < 1e-3
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3])
+def test_echoed_joints_have_no_header(tmp_path: Path, parts: int) -> None:
+    """What `ros2 topic echo --csv` writes of JointState, also without velocities or efforts."""
+    joints = "fl_wheel,fr_wheel,rl_wheel,rr_wheel"
+    numbers = ("0,0,0,0", "1,2,3,4", "5,6,7,8")[:parts]
+    rows = [f"{k // 10},{k % 10 * 100_000_000},,{joints},{','.join(numbers)}" for k in range(9)]
+    poses = {"t": ("sec+nanosec", ""), "x": ("fl_wheel.position", "m")}
+    log = read(tmp_path / "a.csv", "\n".join(rows), columns=poses)
+    np.testing.assert_allclose(log.t, 0.1 * np.arange(9))
+    assert ("enc_left" in log.columns) == (parts > 1)
+    if parts > 1:
+        assert log.columns["enc_left"].tolist() == 9 * [2.0]
+        assert log.columns["enc_right"].tolist() == 9 * [3.0]
 
 
 @pytest.mark.parametrize("frame", ["base_link", ""])

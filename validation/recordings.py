@@ -13,6 +13,7 @@ if __name__ == "__main__":
 import filecmp
 import inspect
 import math
+import re
 import shlex
 import tempfile
 from collections.abc import Callable, Sequence
@@ -223,7 +224,7 @@ def _log_document(found: Inspected) -> Document:
             "from_s": group.t[0],
             "to_s": group.t[-1],
             "columns": list(group.columns),
-            "gaps_s": [list(gap) for gap in group.gaps()],
+            "gaps_s": group.gaps(),
         }
     # a signal that others are behind has no delay, unless it is late itself
     seconds = {offset.behind: 0.0 for offset in offsets}
@@ -315,6 +316,10 @@ def convert(o: Convert) -> LogReport:
 # --- tables and sentences ---
 
 
+_LATITUDE = re.compile("(?i)(?=.*?([^, ]*lat[^, ]*))(?=.*?([^, ]*lon[^, ]*))")
+"""Names of columns of which one is a latitude and one is a longitude."""
+
+
 def _next_step(o: LogOptions, found: Inspected) -> str:
     log = found.log
     path = o.words()
@@ -333,6 +338,8 @@ def _next_step(o: LogOptions, found: Inspected) -> str:
             unit = "radians" if missing[0] == "yaw" else "metres"
             remedy = f"; if one of {others} is {missing[0]} in {unit}, --columns {missing[0]}=NAME "
             remedy += "says so"
+        if missing[0] == "x" and (place := _LATITUDE.match(others)):
+            remedy = place.expand(r"; --columns x=\2+\1:deg,y=\1+\2:deg makes metres of degrees")
         return (
             f"there is no {', '.join(missing)}, so no prediction of a pose can be judged"
             f"{remedy}; {_without_pose(found)}"

@@ -12,7 +12,6 @@ first fix.
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,7 +20,6 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ssmr.geometry import (
     integrate_rates,
@@ -32,7 +30,7 @@ from ssmr.geometry import (
 from ssmr.types import FloatArray
 from validation.files import guarded
 from validation.files.clocks import Timed, on_one_clock
-from validation.files.columns import BESIDE_MOTION, POSE_COLUMNS
+from validation.files.columns import BESIDE_MOTION, POSE_COLUMNS, to_local
 from validation.files.limits import LogLimits
 from validation.files.log import Group, Log, LogFault, ReadOptions, Topic, check_group
 from validation.files.messages import collect
@@ -67,10 +65,6 @@ _MUCH_BETTER = 0.3
 _GRAVITY_SPAN = (8.8, 10.8)
 """Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it,
 z is the vertical."""
-_EQUATOR = 6378137.0
-"""Semi-major axis of the WGS 84 ellipsoid [m]."""
-_ECCENTRICITY = 0.0818191908426215
-"""First eccentricity of the WGS 84 ellipsoid [1]."""
 
 
 # ------------------------------------------------------------------------------------------ topics
@@ -189,25 +183,6 @@ def _vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
     if _GRAVITY_SPAN[0] < size < _GRAVITY_SPAN[1]:
         return mean / size
     return np.array([0.0, 0.0, 1.0])
-
-
-def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return (M,) metres east and north of the first of (M,) positions [deg].
-
-    The plane touches the ellipsoid there. The result is good to some centimetres within a
-    kilometre: terms of second order in the distance over the radius are left out. Beyond the poles
-    there are no metres, but NaN.
-    """
-    degrees = np.asarray(latitude, dtype=np.float64)
-    lat = np.radians(np.where(np.abs(degrees) <= 90.0, degrees, math.nan))
-    lon = np.asarray(longitude, dtype=np.float64)
-    flat = 1.0 - _ECCENTRICITY**2 * math.sin(lat[0]) ** 2
-    # radii of curvature
-    meridian = _EQUATOR * (1.0 - _ECCENTRICITY**2) / flat**1.5
-    transverse = _EQUATOR / math.sqrt(flat)
-    # differences of longitude, also across the date line
-    turned = np.radians(np.mod(lon - lon[0] + 180.0, 360.0) - 180.0)
-    return transverse * math.cos(lat[0]) * turned, meridian * (lat - lat[0])
 
 
 def read_bag(path: Path, options: ReadOptions, radius: float | None = None) -> Log:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ssmr.types import MOTOR_COLUMNS, TORQUES, CommandKind, FloatArray
 
@@ -42,7 +43,7 @@ class Column(NamedTuple):
         number = f"{values[k]:g} {self.unit}".strip()
         if math.isfinite(values[k]):
             return k, f"{number}, more than {self.most:g}"
-        return k, f"{number}, wanted a finite number [{self.unit}]"
+        return k, f"{values[k]:g}, wanted a finite number [{self.unit}]"
 
 
 _RPM = "rpm, ticks or degrees per second"
@@ -54,7 +55,7 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(
     {
         **dict.fromkeys(("x", "y"), Column("m", "pose", 1e8)),
         "yaw": Column("rad", "pose", 1e7),
-        **dict.fromkeys(("enc_left", "enc_right"), Column("rad/s", "wheels", 1e4, 100.0, _RPM)),
+        **dict.fromkeys(("enc_left", "enc_right"), Column("rad/s", "wheels", 1e8, 100.0, _RPM)),
         "odom_v": Column("m/s", "odom", 100.0, 10.0, "mm/s or km/h"),
         "odom_w": Column("rad/s", "odom", 1000.0, 15.0, _DEGREES),
         **dict.fromkeys(("odom_x", "odom_y"), Column("m", "odom", 1e8)),
@@ -219,6 +220,12 @@ def unit_factor(
     raise ValueError(f"{name} cannot be in '{unit}'; its units are {', '.join(units)}")
 
 
+_EQUATOR = 6378137.0
+"""Semi-major axis of the WGS 84 ellipsoid [m]."""
+_ECCENTRICITY = 0.0818191908426215
+"""First eccentricity of the WGS 84 ellipsoid [1]."""
+
+
 def unwrapped(angles: FloatArray) -> FloatArray:
     """Return (M,) angles without jumps by a turn, of 2 pi, or of 360 if they are in degrees."""
     # degrees are a fault that is named later
@@ -255,6 +262,26 @@ def count_on(values: FloatArray, whole: float) -> tuple[FloatArray, float]:
     on = np.unwrap(values, period=size)
     rough, after = (float(np.abs(np.diff(each, 2)).sum()) for each in (values, on))
     return (on, size) if after < 0.5 * rough else (values, 0.0)
+
+
+def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return (M,) metres east and north of the first known of (M,) positions [deg].
+
+    The plane touches the ellipsoid there. The result is good to some centimetres within a
+    kilometre: terms of second order in the distance over the radius are left out. Beyond the poles
+    there are no metres, but NaN.
+    """
+    degrees = np.asarray(latitude, dtype=np.float64)
+    lat = np.radians(np.where(np.abs(degrees) <= 90.0, degrees, math.nan))
+    lon = np.asarray(longitude, dtype=np.float64)
+    first = np.argmax(np.isfinite(lat + lon))
+    flat = 1.0 - _ECCENTRICITY**2 * math.sin(lat[first]) ** 2
+    # radii of curvature
+    meridian = _EQUATOR * (1.0 - _ECCENTRICITY**2) / flat**1.5
+    transverse = _EQUATOR / math.sqrt(flat)
+    # differences of longitude, also across the date line
+    turned = np.radians(np.mod(lon - lon[first] + 180.0, 360.0) - 180.0)
+    return transverse * math.cos(lat[first]) * turned, meridian * (lat - lat[first])
 
 
 # ------------------------------------------------------------------------------------------ sources

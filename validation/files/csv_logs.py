@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,8 +22,8 @@ from validation.files.columns import (
     Column,
     column_of,
     count_on,
-    is_column_name,
     parse_unit,
+    to_local,
     unit_factor,
     unwrapped,
 )
@@ -31,7 +31,7 @@ from validation.files.limits import LogLimits, find_time_fault
 from validation.files.log import PLAIN, DataFrame, Group, Log, ReadOptions
 from validation.files.names import Columns, as_option, taken_by_name, without_unit
 from validation.files.reading import FileError, quoted
-from validation.files.tables import CsvTable, read_csv_table, read_rows
+from validation.files.tables import CsvTable, part_rows, read_csv_table, read_rows
 from validation.files.topics import rates_of_positions
 from validation.output import write_atomic
 
@@ -121,8 +121,7 @@ def _log_of_table(table: CsvTable, options: ReadOptions, radius: float | None) -
         raise FileError(
             path, "topics names the topics of a bag; this is a table, whose columns have names"
         )
-    table, remarks = _rename_columns(table, options, radius)
-    _check_names(table)
+    table, wanted, remarks = _rename_columns(table, options, radius)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(table.header):
         if not name:  # an index, as pandas writes it, or a comma at the end of each line
@@ -152,34 +151,46 @@ def _log_of_table(table: CsvTable, options: ReadOptions, radius: float | None) -
     if not np.all(anew):
         remarks.append(f"{np.count_nonzero(~anew)} rows repeat the one before, and are left out")
         columns = {name: values[anew] for name, values in columns.items()}
-    log = _of_columns(path, columns, lines[anew], options.limits)
+    log = _of_columns(table, columns, lines[anew], options.limits, wanted.get("t", "t")[0])
     return replace(log, remarks=remarks)
 
 
 def _of_columns(
-    path: Path, columns: Mapping[str, FloatArray], lines: FloatArray, limits: LogLimits
+    table: CsvTable,
+    columns: Mapping[str, FloatArray],
+    lines: FloatArray,
+    limits: LogLimits,
+    stamps: str,
 ) -> Log:
-    """Return a log of columns, NaN where they have no sample; `lines` are those of its rows."""
+    """Return a log of columns, NaN where they have no sample; `lines` are those of its rows.
+
+    Its `stamps` are called so in the table.
+    """
+    path = table.path
     if any(np.any(np.isnan(values)) for values in columns.values()):
-        return _with_own_clocks(path, columns, limits)
-    late = find_time_fault(columns["t"], limits)
+        return _with_own_clocks(path, columns, limits, stamps)
+    late = find_time_fault(columns["t"], limits, stamps)
     if late is not None:
         row, what = late
+        if table.header_line and "must increase" in what:
+            what += part_rows(table)
         raise FileError(path, what, int(lines[row]), "t")
     return Log.of_columns(path, columns, limits)
 
 
 def _rename_columns(
     table: CsvTable, options: ReadOptions, radius: float | None
-) -> tuple[CsvTable, list[str]]:
-    """Return a table whose columns have our names and units, and sentences on what was guessed.
+) -> tuple[CsvTable, Columns, list[str]]:
+    """Return a table whose columns have our names and units, theirs, and what was guessed.
 
-    The options say what they are; of others, the names do that themselves.
+    The options say what they are, by names or numbers from 1; of others, the names do that
+    themselves.
     """
     _check_twice(table)
     tidy = [without_unit(name) for name in table.header]
     wanted, remarks = _choose_columns(table, options)
-    places = {name: k for k, (name, _) in enumerate(tidy)}
+    places = {str(k + 1): k for k in range(len(tidy))}
+    places |= {name: k for k, (name, _) in enumerate(tidy)}
     places |= {name: k for k, name in enumerate(table.header)}
     taken = {}
     for name, (theirs, unit) in wanted.items():
@@ -202,6 +213,7 @@ def _rename_columns(
     for k, name in enumerate(table.header):
         if k not in used and name not in wanted:
             taken[name] = [k], ""
+    _check_names(table, [*taken])
     columns = dict[str, FloatArray]()
     bad = []
     for name in sorted(taken, key=lambda name: name != "t"):
@@ -218,7 +230,7 @@ def _rename_columns(
         columns[name] = values
         bad.append(next((table.bad[k] for k in at if table.bad[k] is not None), None))
     ours = replace(table, header=list(columns), columns=list(columns.values()), bad=bad)
-    return ours, remarks
+    return ours, wanted, remarks
 
 
 def _choose_columns(table: CsvTable, options: ReadOptions) -> tuple[Columns, list[str]]:
@@ -227,17 +239,10 @@ def _choose_columns(table: CsvTable, options: ReadOptions) -> tuple[Columns, lis
     named = {
         part for theirs, _ in options.columns.values() for part in (theirs, *theirs.split("+"))
     }
-    guessed = {}
-    for name, theirs in taken_by_name([name for name in header if name not in named]).items():
-        if name not in (*options.columns, *header):
-            guessed[name] = theirs
-    remarks = []
-    wheels = {name: guessed[name] for name in COMMAND_COLUMNS["wheels"] if name in guessed}
-    ours = "t" in header and any(name in RECORDED for name in header)
-    if ours and wheels and not any(unit for _, unit in wheels.values()):
-        remarks.append(f"it may have wheels: --columns {as_option(wheels)} takes their means")
-        guessed = {name: theirs for name, theirs in guessed.items() if name not in wheels}
+    foreign = taken_by_name([name for name in header if name not in named])
+    guessed = {name: foreign[name] for name in foreign if name not in (*options.columns, *header)}
     wanted = guessed | dict(options.columns)
+    remarks = []
     if guessed:
         option = shlex.quote(as_option(wanted))
         remarks.append(f"columns were taken by their names: --columns {option}")
@@ -264,6 +269,10 @@ def _in_our_unit(
         return quat_wxyz_to_yaw(np.column_stack([parts[3], *parts[:3]])), []
     if name == "t" and len(parts) == 2:
         return parts[0] + 1e-9 * parts[1], []
+    if name in ("x", "y") and unit == "deg" and len(parts) == 2:
+        # each from both, its own degrees first
+        latitude, longitude = parts if name == "y" else reversed(parts)
+        return to_local(latitude, longitude)[name == "y"], []
     factor, leads_to = unit_factor(name, unit, radius, options.ticks_per_turn)
     remarks = []
     if name in COMMAND_COLUMNS["wheels"] and leads_to == "rad":
@@ -286,7 +295,9 @@ def _in_our_unit(
     return values * factor if factor != 1.0 else values, remarks
 
 
-def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogLimits) -> Log:
+def _with_own_clocks(
+    path: Path, columns: Mapping[str, FloatArray], limits: LogLimits, stamps: str
+) -> Log:
     """Return a log whose columns have no sample in empty cells.
 
     Columns of a group are interpolated, or held, at the stamps of all of them.
@@ -297,7 +308,7 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
             continue
         filled = ~np.isnan(values)
         t = columns["t"][filled]
-        fault = find_time_fault(t, limits)
+        fault = find_time_fault(t, limits, stamps)
         if fault is not None:
             raise FileError(path, fault[1], column=name)
         column = column_of(name)
@@ -320,36 +331,33 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
     return Log(path, groups, limits=limits)
 
 
-def _check_names(table: CsvTable) -> None:
-    """Refuse a header without `t` or any of `RECORDED`."""
-    names = table.header
-    path = table.path
-    line = table.header_line
+def _check_names(table: CsvTable, names: Sequence[str]) -> None:
+    """Refuse a table whose columns, by these names, are not `t` and any of `RECORDED`."""
     for kind, some in (("column t", ("t",)), ("known column", RECORDED)):
         if not {*some} & {*names}:
-            what = f"there is no {kind} among {quoted(names)}"
+            what = f"there is no {kind} among {quoted(table.header)}"
             need = f"a log's header names t and any of {', '.join(RECORDED)}"
-            raise FileError(
-                path,
-                f"{what}; {need}; --columns t=NAME,x=NAME says which columns have other names",
-                line,
-            )
+            says = "--columns t=NAME,x=NAME"
+            if "t" in some:
+                says = " or ".join(_offer_times(table)) or says
+            what = f"{what}; {need}; {says} says which columns have other names"
+            raise FileError(table.path, what, table.header_line)
+
+
+def _offer_times(table: CsvTable) -> Iterator[str]:
+    """Yield options that take a column for `t`: one that increases, not as numbers of rows do."""
+    for place, name in enumerate(table.header):
+        steps = np.diff(table.columns[place])
+        if name not in RECORDED and np.all(steps > 0.0) and np.any(steps != 1.0):
+            yield f"--columns {shlex.quote(f't={name or place + 1}')}"
 
 
 def _check_twice(table: CsvTable) -> None:
-    """Refuse names of columns that are bad or repeated."""
-    path = table.path
-    line = table.header_line
+    """Refuse names of columns that are repeated."""
     for k, name in enumerate(table.header):
-        if not name:
-            continue
-        if not is_column_name(name):
-            what = f"{quoted([name])} names no column; wanted printable text"
-            raise FileError(path, what, line, f"number {k + 1}")
-        if name in table.header[:k]:
-            raise FileError(
-                path, "the header names this column twice; each needs a name of its own", line, name
-            )
+        if name and name in table.header[:k]:
+            what = "the header names this column twice; each needs a name of its own"
+            raise FileError(table.path, what, table.header_line, name)
 
 
 def write_csv(log: Log | Mapping[str, ArrayLike], path: str | Path) -> None:

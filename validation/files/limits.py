@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,11 +19,7 @@ step must not underflow."""
 _USUAL_PERIOD = 0.02
 """Period of a usual log [s]: time in another unit is recognised by the factor that brings its steps
 near to this."""
-_PLAUSIBLE = math.log(1000.0)
-"""Logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by."""
-_COARSE = 1e6
-"""Time from which numbers of 32 bits have steps of a sixteenth of a second or more [s]."""
-_UNITS = {"seconds": 1.0, "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+_UNITS = {1: ("milliseconds", "ms"), 2: ("microseconds", "us"), 3: ("nanoseconds", "ns")}
 
 
 def _limit(default: float, unit: str) -> Any:
@@ -81,52 +78,44 @@ USUAL = LogLimits()
 """The limits of logs for which nobody asked for others."""
 
 
-def find_time_fault(t: FloatArray, limits: LogLimits) -> tuple[int, str] | None:
-    """Return row and sentence of the fault of (M,) finite stamps [s], M at least 2, if any."""
+def find_time_fault(t: FloatArray, limits: LogLimits, name: str = "") -> tuple[int, str] | None:
+    """Return row and sentence of the fault of (M,) finite stamps [s], M at least 2, if any.
+
+    The stamps have that `name` in a table, for `--columns`; none where that option means another.
+    """
     # steps that are infinite are beyond every limit
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(t)
         span = float(t[-1] - t[0])
         usual = float(np.median(steps))
-    back = np.flatnonzero(steps <= 0.0)
-    if len(back):
-        k = int(back[0])
-        what = f"time must increase, but {t[k + 1]:.16g} s follows {t[k]:.16g} s"
-        with np.errstate(over="ignore"):
-            single = t.astype(np.float32).astype(np.float64)
-        if abs(t[k]) > _COARSE and np.array_equal(single, t):
-            what += ": t has lost its fraction, for these are 32-bit floats; write it in full"
-        return k + 1, what
-    median = f"the median step is {usual:.6g} s"
-    if usual > limits.period:
-        return (0, f"{median}, but {limits.says('period')}{_other_unit(usual)}")
-    if usual * limits.rate < 1.0:
-        return (0, f"{median}, but {limits.says('rate')}; wanted t in seconds")
-    short = int(np.argmin(steps))
+    stays = np.flatnonzero(steps <= 0.0)
+    if len(stays):
+        turns = stays[steps[stays] < 0.0]
+        k = int(np.append(turns, stays)[0])
+        what = f"time must increase, but {t[k + 1]:.16g} s follows {t[k]:.16g} s: "
+        what += f"{len(turns) or len(stays)} of {len(t)} rows "
+        if len(turns):
+            return k + 1, f"{what}go back, this one by {-steps[k]:.6g} s"
+        lost = "; t has lost its fraction, as in whole seconds or 32 bits: write it in full"
+        return k + 1, f"{what}repeat the stamp before" + lost * np.array_equal(np.rint(t), t)
     long = int(np.argmax(steps))
-    if steps[short] * limits.rate < _BUNCHED:
-        return (
-            short + 1,
-            f"the step from the sample before is {steps[short]:.3g} s, but {limits.says('rate')}",
-        )
-    if steps[long] > limits.gap:
-        return (
-            long + 1,
-            f"time jumps from {t[long]:.16g} to {t[long + 1]:.16g} s, "
-            f"but {limits.says('gap')}: cut the log there",
-        )
-    if span > limits.span:
-        return (
-            len(t) - 1,
-            f"the log spans {span:.6g} s, but {limits.says('span')}{_other_unit(usual)}",
-        )
+    jump = f"time jumps from {t[long]:.16g} to {t[long + 1]:.16g} s"
+    median = f"the median step is {usual:.6g} s"
+    near = f"the step from the sample before is {np.min(steps):.3g} s"
+    thousands = round(math.log(np.clip(usual, 1e-99, 1e99) / _USUAL_PERIOD, 1000.0))
+    looks = ""
+    if thousands in _UNITS:
+        words, unit = _UNITS[thousands]
+        looks = f"; t looks like {words}"
+        looks += f": --columns {shlex.quote(f't={name}:{unit}')}" if name else ""
+    # in the order in which they explain one another
+    for is_beyond, row, what, limit, advice in (
+        (usual > limits.period, 0, median, "period", looks),
+        (usual * limits.rate < 1.0, 0, median, "rate", "; wanted t in seconds"),
+        (np.min(steps) * limits.rate < _BUNCHED, int(np.argmin(steps)) + 1, near, "rate", ""),
+        (steps[long] > limits.gap, long + 1, jump, "gap", ": cut the log there"),
+        (span > limits.span, len(t) - 1, f"the log spans {span:.6g} s", "span", looks),
+    ):
+        if is_beyond:
+            return row, f"{what}, but {limits.says(limit)}{advice}"
     return None
-
-
-def _other_unit(step: float) -> str:
-    """Return the end of a sentence on the unit of a step; nothing if it looks like seconds."""
-    away = {name: abs(math.log(step / factor / _USUAL_PERIOD)) for name, factor in _UNITS.items()}
-    name = min(away, key=lambda unit: away[unit])
-    if name == "seconds" or away[name] >= _PLAUSIBLE:
-        return ""
-    return f"; t looks like {name}: divide it by {_UNITS[name]:g}"

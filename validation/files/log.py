@@ -36,9 +36,8 @@ from validation.files.reading import FileError
 from validation.files.signals import TIME_ROUNDOFF, BoolArray, fresh_poses, held, refreshed
 
 _GAP_FACTOR = 2.5
-"""A step longer than this many periods is a gap: one dropped sample is tolerated, two are not."""
-
-
+"""A step longer than this many periods is a gap: one lost sample is tolerated, two are not, unless
+chance loses more."""
 _BESIDE = ("cmd", *BESIDE_MOTION)
 """Groups that need not be known at an instant for a log to have it."""
 _BURSTS = 5.0
@@ -54,6 +53,18 @@ def _usual_step(t: FloatArray) -> float:
     pause, longest = np.percentile(steps, (97.0, 99.5))
     bursts = len(steps) > _FEW_STEPS and pause > _BURSTS * usual and longest < 2.0 * pause
     return float(pause if bursts else usual)
+
+
+def _longest_step(t: FloatArray) -> float:
+    """Return the longest step of (M,) stamps that is no gap [s].
+
+    Where samples are lost by chance, each with the probability with which the next one is lost too,
+    several in a row are so frequent that they end no piece; what chance does not explain does.
+    """
+    period = _usual_step(t)
+    losses = max(1, int(np.count_nonzero(np.diff(t) > 1.5 * period)))
+    in_a_row = int(math.log(losses) / math.log(len(t) / losses))
+    return (max(1, in_a_row) + 1.5) * period
 
 
 class _Value:
@@ -93,15 +104,20 @@ class Group(_Value):
     """(M,) strictly increasing [s]; M is at least 2."""
     columns: Mapping[str, FloatArray]
     """Columns by name, each (M,), finite; angles are unwrapped."""
-    period: float = math.nan
-    """Median step of time [s], or the step between bursts of samples; that of `t` unless it is
-    given. A cut keeps it, so that it moves no gap."""
+    longest: float = math.nan
+    """Longest step that is no gap [s]; that of `t` unless it is given. A cut keeps it, so that it
+    moves no gap."""
 
     def __post_init__(self) -> None:
-        """Take the period from the stamps where it is not given."""
+        """Take the longest step from the stamps where it is not given."""
         super().__post_init__()
-        if math.isnan(self.period):
-            object.__setattr__(self, "period", _usual_step(self.t))
+        if math.isnan(self.longest):
+            object.__setattr__(self, "longest", _longest_step(self.t))
+
+    @property
+    def period(self) -> float:
+        """Median step of time [s], or the step between bursts of samples."""
+        return _usual_step(self.t)
 
     def table(self, names: Sequence[str]) -> FloatArray | None:
         """Return (M, len(names)) columns side by side; None where one is missing."""
@@ -114,25 +130,24 @@ class Group(_Value):
         columns = {name: values[keep] for name, values in self.columns.items()}
         return replace(self, t=self.t[keep], columns=columns)
 
-    def longest_step(self, period: float = 0.0) -> float:
-        """Return the longest step of time [s] that is no gap, at the group's period or a longer."""
-        return _GAP_FACTOR * max(self.period, period) + TIME_ROUNDOFF
+    def breaks(self, period: float = 0.0) -> BoolArray:
+        """Return (M - 1,) which steps of time are gaps, also at a common period [s]."""
+        return np.diff(self.t) > max(self.longest, _GAP_FACTOR * period) + TIME_ROUNDOFF
 
-    def gaps(self) -> list[tuple[float, float]]:
+    def gaps(self) -> list[list[float]]:
         """Return the beginning and the end of each gap [s]."""
-        after = np.flatnonzero(np.diff(self.t) > self.longest_step()) + 1
-        return list(zip(self.t[after - 1].tolist(), self.t[after].tolist(), strict=True))
+        return np.column_stack([self.t[:-1], self.t[1:]])[self.breaks()].tolist()
 
-    def in_gaps(self, t: FloatArray, margin: float = 0.0, least: float = 0.0) -> BoolArray:
+    def in_gaps(self, t: FloatArray, margin: float = 0.0, period: float = 0.0) -> BoolArray:
         """Return (N,) whether instants `t` [s] lie in gaps.
 
         Args:
             t: (N,) instants [s].
             margin: time after the beginning and before the end of a gap that does not count as in
                 it [s].
-            least: shorter gaps, or equal ones, do not count [s].
+            period: common period, at which shorter gaps do not count [s].
         """
-        at = np.flatnonzero(np.diff(self.t) > max(self.longest_step(), least))
+        at = np.flatnonzero(self.breaks(period))
         if not len(at):
             return np.zeros(len(t), dtype=bool)
         start = self.t[at] + margin
@@ -342,8 +357,7 @@ class Log(_Value):
             ValueError: there is no stretch.
         """
         t = self.t
-        longest = next(iter(self.groups.values())).longest_step()
-        after_gaps = np.flatnonzero(np.diff(t) > longest) + 1
+        after_gaps = np.flatnonzero(next(iter(self.groups.values())).breaks()) + 1
         edges = [0, *after_gaps.tolist(), len(t)]
         if not (pieces := [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]):
             raise ValueError(
@@ -372,12 +386,11 @@ class Log(_Value):
         for name in self.groups.keys() - {*_BESIDE}:
             group = self.groups[name]
             # gaps at the common period as well
-            t = t[~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))]
+            t = t[~group.in_gaps(t, TIME_ROUNDOFF, period)]
         if len(t) < 2:
             raise FileError(
                 self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}"
             )
-        period = float(np.median(np.diff(t)))
         groups = {}
         for name, group in self.groups.items():
             new = slice(None) if is_shared[name] else _measured(name, group)
@@ -387,7 +400,7 @@ class Log(_Value):
                     columns[n] = held(t, group.t, values)
                 else:
                     columns[n] = np.interp(t, group.t[new], values[new])
-            groups[name] = Group(group.source, t, columns, period)
+            groups[name] = Group(group.source, t, columns)
         return replace(self, groups=groups)
 
     def _clock(self, rate: float | None) -> FloatArray:
@@ -474,5 +487,5 @@ def _measured(name: str, group: Group) -> BoolArray:
         return np.ones(len(group.t), dtype=bool)
     table = np.column_stack(list(group.columns.values()))
     new = fresh_poses(group.t, table) if name == "pose" else refreshed(group.t, table)
-    gap = np.diff(group.t) > group.longest_step()
+    gap = group.breaks()
     return new | np.append(gap, True) | np.append(True, gap)

@@ -218,8 +218,7 @@ def find_jumps(poses: NewPoses | None, wheels: Told | None) -> Jumps | None:
         (metres, fastest, larger * speed, JUMP_M),
         (radians, fastest_turn, skids * yaw_rate, JUMP_RAD),
     )
-    gaps = np.diff(group.t) > group.longest_step()
-    piece = np.cumulative_sum(gaps, include_initial=True)[new]
+    piece = np.cumulative_sum(group.breaks(), include_initial=True)[new]
     beyond, jumped, stalled = np.zeros((3, len(dt)), dtype=bool)
     for change, most, expected, least in sizes:
         stalled |= change < 0.5 * expected * dt

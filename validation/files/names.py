@@ -79,7 +79,7 @@ _KINDS_OF_WHEELS = {
 """Kinds of the columns of wheels by their units."""
 _WHEELS = COMMAND_COLUMNS["wheels"]
 _BRACKET = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
-_STAMP = "sec nanosec frame_id "
+_STAMP = "sec nanosec _ "
 _POSE = "position.x position.y position.z "
 _TURN = "orientation.x orientation.y orientation.z orientation.w "
 _GYRO = "angular_velocity.x angular_velocity.y angular_velocity.z "
@@ -92,9 +92,20 @@ _MESSAGES = (
     _STAMP + _POSE + _TURN + _COVARIANCE,
     _STAMP + "_ " + _POSE + _TURN + _COVARIANCE + _TWIST.format("twist.twist.") + _COVARIANCE,
 )
-ECHOED = {len(names.split()): names.split() for names in _MESSAGES}
+_ECHOED = {len(names): names for names in (message.split() for message in _MESSAGES)}
 """Names of the columns that `ros2 topic echo --csv` writes without a header, by their number: of
 TwistStamped, PoseStamped, Imu, PoseWithCovarianceStamped and Odometry."""
+
+
+def name_echoed(joints: Sequence[str], width: int) -> list[str]:
+    """Return the names of so many columns without a header, nothing for those of no use to us.
+
+    The list is empty for no known message. Several `joints` behind its stamp are a message of them.
+    """
+    if len(joints) < 2:
+        return [name.strip("_") for name in _ECHOED.get(width, ())]
+    each = (f"{joint}.{part}" for part in ("position", "velocity", "effort") for joint in joints)
+    return ["sec", "nanosec", "", *("" for _ in joints), *each][:width]
 
 
 def without_unit(name: str) -> tuple[str, str]:

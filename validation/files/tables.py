@@ -9,6 +9,7 @@ import io
 import itertools
 import math
 import re
+import shlex
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,7 +23,7 @@ import numpy as np
 from ssmr.types import FloatArray
 from validation.files.columns import COLUMNS, Column, parse_unit
 from validation.files.limits import USUAL, LogLimits
-from validation.files.names import ECHOED, taken_by_name
+from validation.files.names import name_echoed, taken_by_name
 from validation.files.reading import FileError, opened, quoted
 
 _SEPARATORS = "\t;,| "
@@ -44,6 +45,10 @@ _FEWEST = 3
 _DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[ T]")
 _ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
 """Beginning of a date with a time, and the zone at its end, which all rows share."""
+_DURATION = re.compile(r"\s*(?:(\d+) days? )?(?:(\d+):)?(\d+):(\d\d(?:\.\d+)?)\s*")
+"""Days, hours, minutes and seconds of a duration, or of a time of the day."""
+_GROUPED = re.compile(r"[+-]?\d{1,3}([\s'\u2019.,])\d{3}(?:\1\d{3})*(?:(?!\1)[.,]\d+)?")
+"""A number whose digits are in groups of three, and the sign between these."""
 
 
 @dataclass(frozen=True)
@@ -69,19 +74,15 @@ class CsvTable:
         Raises:
             FileError: a cell is not finite, or too large.
         """
-        values = self.columns[place]
-        bad = self.bad[place]
-        fault = column.fault(values)
-        if bad is None and fault is None:
-            return values
-        if bad is not None:
+        fault = column.fault(self.columns[place])
+        if (bad := self.bad[place]) is not None:
             row, text = bad
-            what = f"{quoted([text.strip()])}, wanted a finite number [{column.unit}]"
-        elif fault is not None:
-            row, what = fault
-            if math.isnan(values[row]):
-                what = f"nothing, wanted a finite number [{column.unit}]"
-        raise FileError(self.path, f"there is {what}", self.lines[row], self.header[place])
+            fault = row, f"{quoted([text.strip()])}, wanted a finite number [{column.unit}]"
+        if fault is None:
+            return self.columns[place]
+        row, what = fault
+        what = f"there is {what}".replace("is nan,", "is nothing,")
+        raise FileError(self.path, what, self.lines[row], self.header[place])
 
 
 def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
@@ -134,7 +135,7 @@ def read_rows(
             bad[place] = word_at
     return CsvTable(
         path=path,
-        header=[name.strip() for name in header],
+        header=header,
         header_line=header_line,
         lines=lines,
         columns=[np.array(column, dtype=np.float64) for column in columns],
@@ -142,11 +143,35 @@ def read_rows(
     )
 
 
+def part_rows(table: CsvTable) -> str:
+    """Return the end of a sentence on a file whose first column, its stamps, does not increase.
+
+    It is a command that keeps rows whose stamps do: those with one word in a column that tells them
+    apart, or else those before time goes back. It is empty where there is none.
+    """
+    import pandas
+
+    t = pandas.Series(table.columns[0])
+    keep = says = ""
+    if not t.is_monotonic_increasing:
+        keep = f"NR < {table.lines[int(np.argmax(t.diff() < 0.0))]}"
+        says = "what is before"
+    with opened(table.path) as file:
+        layout = _find_layout(table.path, file)
+        rows = [cells for _, cells in _read_lines(table.path, file, layout)]
+    for place, words in enumerate(zip(*rows, strict=True)):
+        if _is_text(words[0]) and t.groupby([*words]).diff().min() > 0.0:
+            keep = f'NR <= {layout.skipped} || ${place + 1} ~ "{words[0]}"'
+            says = f"one of those that column {layout.header[place]} tells apart"
+    command = f"awk -F{layout.separator!r} '{keep}' {shlex.quote(str(table.path))} > part.csv"
+    return f"; {command} keeps {says}" if keep else ""
+
+
 def _note_decimal_sign(path: Path, found: dict[str, str], line: int, cell: str) -> None:
     """Keep the first number with a decimal point or a comma; one with the other is refused."""
-    for sign in ".,":
-        if sign in cell and not _DATE.match(cell):
-            found.setdefault(sign, cell)
+    sign = max(".,", key=cell.rfind)
+    if sign in cell and ":" not in cell:
+        found.setdefault(sign, cell)
     if len(found) == 2:
         what = f"there are {quoted(found.values())}: write all decimals with the same sign"
         raise FileError(path, what, line)
@@ -164,8 +189,7 @@ def _read_plain_table(path: Path, layout: _Layout, most: float) -> CsvTable | No
         return None
     first = layout.skipped + 1
     lines = range(first, first + len(columns[0]))
-    header = [name.strip() for name in layout.header]
-    return CsvTable(path, header, layout.line, lines, columns, [None] * len(header))
+    return CsvTable(path, layout.header, layout.line, lines, columns, [None] * len(columns))
 
 
 def _parse_quickly(path: Path, layout: _Layout, point: str) -> list[FloatArray] | None:
@@ -282,7 +306,7 @@ def _find_layout(path: Path, file: BinaryIO) -> _Layout:
         raise FileError(path, what, rows[0].line)
     first = next(k for k, row in enumerate(rows) if len(row.cells) == width)
     header, skipped = _find_header(path, rows[max(first - 1, 0) :], width)
-    names = [_as_text(name) for name in header.cells]
+    names = [_as_text(name).strip() for name in header.cells]
     return _Layout(encoding, separator, header.line, skipped, names)
 
 
@@ -309,9 +333,9 @@ def _find_header(path: Path, rows: Sequence[_Row], width: int) -> tuple[_Row, in
     """
     wide = len(rows[0].cells) != width
     first = rows[wide]
-    if width in ECHOED and not _is_text(first.cells[0]) and _is_text(first.cells[2]):
-        names = [f"_{k}" if name == "_" else name for k, name in enumerate(ECHOED[width])]
-        return _Row(first.line, first.line - 1, names), first.line - 1
+    echoed = name_echoed([*itertools.takewhile(_is_text, first.cells[3:])], width)
+    if echoed and not _is_text(first.cells[0]) and _is_text(first.cells[2]):
+        return _Row(first.line, first.line - 1, echoed), first.line - 1
     if not any(_is_text(cell) for cell in first.cells if cell.strip()):
         header = rows[0]
         if not wide or len(header.cells) == 1:
@@ -377,14 +401,20 @@ def _number(cell: str) -> float:
         return math.nan if "_" in cell else float(cell)
     except ValueError:
         pass
+    pointed = cell.replace(",", ".")
     if _DATE.match(cell):
-        return _date(cell.replace(",", "."))
+        return _date(pointed)
+    if duration := _DURATION.fullmatch(pointed):
+        parts = zip((86400.0, 3600.0, 60.0, 1.0), duration.groups("0"), strict=True)
+        return sum(size * float(part) for size, part in parts)
     # Swedish Excel has a minus of its own; MATLAB writes durations as "0.02 sec"
     plain = cell.replace("\u2212", "-").removesuffix(" sec")
     if plain != cell:
         return _number(plain)
-    if "," in cell and "." not in cell:
-        return _number(cell.replace(",", ".")) if cell.count(",") == 1 else math.nan
+    if "." not in cell and cell.count(",") == 1:
+        return _number(pointed)
+    if grouped := _GROUPED.fullmatch(cell.strip()):
+        return _number(cell.replace(grouped[1], ""))
     return math.nan
 
 

@@ -40,7 +40,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     true = with_values("kinematic", lab.plants["kinematic"], list(TRUTH), TRUTH.values())
     path = tmp_path_factory.mktemp("log") / "drive.csv"
     write_csv(
-        recorded(Profile("true", "", {**lab.plants, "kinematic": true}, {}), "kinematic", 60.0),
+        recorded(Profile("true", "", {**lab.plants, "kinematic": true}, {}), "kinematic", 40.0),
         path,
     )
     return path

@@ -35,7 +35,6 @@ DAYS = (
     {"tracked_yaw": 0.01, "position_late": -0.1, "yaw_late": 0.2},
     {"tracked_yaw": 0.0, "position_late": 0.2, "yaw_late": 0.1},
 )
-SECONDS = 80.0
 
 
 BARE = bare_profile(load_robot("husky"))
@@ -47,6 +46,7 @@ def drive(
     numbers: dict[str, float],
     seed: int,
     kind: Literal["wheels", "twist"] = "wheels",
+    seconds: float = 60.0,
 ) -> Path:
     """Write a log of a robot with these numbers, with 5 mm and 3 mrad of noise on its poses.
 
@@ -54,7 +54,7 @@ def drive(
     """
     true = with_values("kinematic", BARE.plants["kinematic"], list(numbers), numbers.values())
     rng = np.random.default_rng(seed)
-    t = 0.01 * np.arange(round(SECONDS / 0.01))
+    t = 0.01 * np.arange(round(seconds / 0.01))
     periods = rng.uniform(0.2, 0.6, (2, 6))
     phases = rng.uniform(0.0, 6.0, (2, 6))
 
@@ -82,7 +82,7 @@ def drive(
 def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Three days of one body."""
     folder = tmp_path_factory.mktemp("days")
-    return [drive(folder, f"day{k}", {**BODY, **DAYS[k]}, k) for k in range(3)]
+    return [drive(folder, f"day{k}", {**BODY, **DAYS[k]}, k, seconds=80.0) for k in range(3)]
 
 
 @pytest.fixture(scope="module")

@@ -87,8 +87,9 @@ class ForeignRobot:
 
     @property
     def rolls(self) -> bool:
-        """Whether each wheel has a shape that is round about its axle."""
-        return all(drum is not None and not drum.flaw for drum in self.wheeled.drums)
+        """Whether no wheel has a shape that is not round about its axle; meshes may be."""
+        drums = [drum for drum in self.wheeled.drums if drum is not None]
+        return all(drum.kind == "mesh" or not drum.flaw for drum in drums)
 
     def tensors_of(self, bodies: Sequence[int]) -> dict[str, tuple[float, FloatArray]]:
         """Return mass and inertia that the file says, by names of those bodies that it says it of.

@@ -388,7 +388,7 @@ class OwnRobot:
     @property
     def sinking(self) -> float:
         """Greatest depth of the contacts at rest [m]."""
-        return float(max(0.0, *(-self._resting().contact.dist), 0.0))
+        return float(-self._resting().contact.dist.min(initial=0.0))
 
     def other_contacts(self) -> str:
         """Return the names of the robot's shapes that touch at rest, beside tyres on the ground."""

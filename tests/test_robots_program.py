@@ -113,7 +113,7 @@ FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
     ),
     "inertia of no body": (
         {"mass": {"inertia": [10.0, 10.0, 60.0]}},
-        "that of no rigid body",
+        "10, 10, 60 kg m2 is the inertia of no body, and the body",
         "the two others together",
     ),
     "centre of mass outside": (
@@ -128,7 +128,7 @@ FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
     ),
     "swapped inertia": (
         {"mass": {"wheel_inertia": [0.3, 0.7]}},
-        "wheel_inertia",
+        "0.3, 0.7, 0.3 kg m2 is the inertia of no body, and a wheel",
         "the two others together",
     ),
     "loads": (

@@ -38,6 +38,11 @@ from validation.simulator.description import (
 
 _SAME_SIZE = 0.02
 """Greatest difference of two tyres of one size, over the larger [1]."""
+_MISSING_SIZE = (
+    "its tyres have no shape whose radius and width can be read (are they meshes?): measure them, "
+    "and give --wheel-radius and --wheel-width to `import`"
+)
+"""What is said where neither file nor user tells the size of the wheels."""
 _MOST_FRICTION = 5.0
 """Greatest friction that a robot's file may have [1]."""
 _SURE_FRICTION = 1.0
@@ -287,7 +292,7 @@ class _Import:
                 self.entries[f"geometry.{key}"] = given, "measured: given to `import`"
                 continue
             if not sizes:
-                raise ValueError(self._missing_size())
+                raise ValueError(_MISSING_SIZE)
             if key == "wheel_width" and drums[0].kind in ("sphere", "capsule"):
                 each = 0.6 * np.array([drum.radius for drum in drums])
                 source = "assumed: a Husky's share of the radius, for these shapes have no tread"
@@ -301,18 +306,6 @@ class _Import:
                     "four have the same, the mean"
                 )
             self.add(f"geometry.{key}", float(each.mean()), "shapes of the tyres")
-
-    def _missing_size(self) -> str:
-        """Return why the size of the wheels is needed, and what else deserves a look."""
-        if self.foreign.kind == "mjcf":
-            return (
-                "its wheels have no shape that touches the ground: contype and conaffinity are 0, "
-                "or their mesh is missing"
-            )
-        return (
-            "its tyres are no cylinders: measure their radius and width, and give --wheel-radius "
-            "and --wheel-width to `import`"
-        )
 
     def add_masses(self) -> None:
         """Add masses, centre of mass and moments of inertia.

@@ -272,7 +272,7 @@ _INFLUENCES: Sequence[_Influence] = (
         "wheels differ in their radius, {radii} m: the robot veers, and stands on some of them; "
         "give all four one radius",
         over="spread",
-        mend="sizes",
+        mend="shapes",
     ),
     _Influence(
         "which_friction",

@@ -246,12 +246,6 @@ def _mend_shapes(robot: OwnRobot, text: MjcfText) -> Edits:
     return edits
 
 
-def _mend_sizes(robot: OwnRobot, text: MjcfText) -> Edits:
-    """Return edits that give round tyres one size."""
-    is_odd = any(drum.flaw for drum in robot.tyres)
-    return {} if is_odd else _mend_shapes(robot, text)
-
-
 def _on_axle(robot: OwnRobot, geom: int, joint: int) -> FloatArray:
     """Return the (3,) place of a shape in its body that is nearest to its own and on the axle."""
     data = robot.wheeled.data
@@ -358,7 +352,6 @@ MENDS: Mapping[str, Mend] = {
     "friction": _mend_friction,
     "priority": _let_tyres_decide,
     "shapes": _mend_shapes,
-    "sizes": _mend_sizes,
     "axes": _mend_axes,
     "heights": _mend_heights,
     "solver": _set_options(solver="Newton", iterations="100"),

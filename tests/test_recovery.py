@@ -34,7 +34,7 @@ from validation.descriptions.loading import load_robot
 from validation.experiment.sources import Piece, Source
 from validation.fit import fit
 from validation.identify.currents import COULOMB_SCALE, _torques_of
-from validation.identify.motor_logs import DriveLog, drive_log, loss_of
+from validation.identify.motor_logs import UNKNOWN, DriveLog, drive_log, loss_of
 from validation.identify.objective import (
     FitCost,
     Objective,
@@ -242,7 +242,7 @@ def signed_log(unit: Literal["A", "N m"], sign: str, loss: float = 3.0) -> Drive
     torques += 0.6 * rng.standard_normal(torques.shape)
     if sign != "axle":
         torques *= np.where(rates < 0.0, -1.0, 1.0) if sign == "driving" else -1.0
-    return DriveLog("signed", motion.t[::5], rates, None, torques, None, True, unit)
+    return DriveLog("signed", motion.t[::5], rates, UNKNOWN, torques, UNKNOWN, True, unit)
 
 
 @pytest.mark.parametrize(

@@ -72,12 +72,9 @@ class MotionLimits(NamedTuple):
     yaw_acceleration: float  # [rad/s^2]
 
 
-class _PathLeg(NamedTuple):
-    """A part of a path without a stop, and what comes before it."""
-
-    waypoints: NDArray[np.intp]  # their numbers; a lone one where the path ends at rest
-    pause: float  # wait before it [s]
-    turn: float  # turn on the spot before it, to the left [rad]
+_PathLeg = tuple[NDArray[np.intp], float, float]
+"""A part of a path without a stop: the numbers of its waypoints, a lone one where the path ends at
+rest; and the wait [s] and the turn on the spot, to the left [rad], that come before it."""
 
 
 def _split_path(waypoints: Waypoints) -> list[_PathLeg]:
@@ -97,11 +94,11 @@ def _split_path(waypoints: Waypoints) -> list[_PathLeg]:
             continue
         for part in _split_leg(waypoints, leg):
             turn += float(wrap_angle(headings[part[0]] - heading - turn))
-            legs.append(_PathLeg(part, pause, turn))
+            legs.append((part, pause, turn))
             pause = turn = 0.0
             heading = float(headings[part[-1] - 1])
     if pause > 0.0:
-        legs.append(_PathLeg(leg[-1:], pause, turn))
+        legs.append((leg[-1:], pause, turn))
     return legs
 
 
@@ -112,11 +109,11 @@ def require_manoeuvres(waypoints: Waypoints, law: Law | AnyController) -> set[st
         ValueError: the law cannot; the message says where, and which laws can.
     """
     found = dict[str, int]()
-    for leg in _split_path(waypoints):
-        first = int(leg.waypoints[0])
-        if abs(leg.turn) > _TURN_AT_STOP:
+    for leg, _, turn in _split_path(waypoints):
+        first = int(leg[0])
+        if abs(turn) > _TURN_AT_STOP:
             found.setdefault(SPOT_TURN, first)
-        if len(leg.waypoints) > 1 and waypoints.backwards[first]:
+        if len(leg) > 1 and waypoints.backwards[first]:
             found.setdefault(REVERSAL, first)
     for manoeuvre, k in found.items():
         if manoeuvre not in law.manoeuvres:
@@ -156,21 +153,21 @@ def _join_legs(
     times = [np.zeros(1)]
     places = [waypoints.xy[:1]]
     yaws = [np.array([waypoints.start.yaw])]
-    for leg in _split_path(waypoints):
-        t, angles = _turn_samples(leg.turn, limits)
-        if leg.pause > t[-1]:
-            t = np.append(t, leg.pause)
+    for leg, pause, turn in _split_path(waypoints):
+        t, angles = _turn_samples(turn, limits)
+        if pause > t[-1]:
+            t = np.append(t, pause)
             angles = np.append(angles, angles[-1])
         if len(t) > 1:
             times.append(times[-1][-1] + t[1:])
             places.append(np.repeat(places[-1][-1:], len(t) - 1, axis=0))
             yaws.append(yaws[-1][-1] + angles[1:])
-        if len(leg.waypoints) > 1:
-            t, xy = sample_leg(leg.waypoints)
+        if len(leg) > 1:
+            t, xy = sample_leg(leg)
             times.append(times[-1][-1] + t[1:])
             places.append(xy[1:])
             dx, dy = np.diff(xy, axis=0).T
-            turned_round = math.pi * waypoints.backwards[leg.waypoints[0]]
+            turned_round = math.pi * waypoints.backwards[leg[0]]
             yaws.append(np.arctan2(dy, dx) + turned_round)
     return Waypoints(np.concatenate(times), np.concatenate(places), np.concatenate(yaws))
 

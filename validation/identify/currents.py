@@ -31,7 +31,6 @@ from validation.experiment.sources import RECORDING, Source
 from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks, values_of
 from validation.identify.motor_logs import (
     DriveLog,
-    MotorSamples,
     Sensor,
     log_of_motions,
     sensor_of,
@@ -107,7 +106,7 @@ def _is_able(rule: str, sensor: Sensor, unit: str) -> bool:
 
 
 def _predict_currents(
-    rule: str, numbers: FitNumbers, some: MotorSamples, sensor: Sensor, vehicle: Vehicle
+    rule: str, numbers: FitNumbers, some: DriveLog, sensor: Sensor, vehicle: Vehicle
 ) -> FloatArray:
     """Return (2, n) readings that the numbers of a rule predict [A]."""
     current = _side_currents(numbers, some.rates, vehicle)
@@ -129,7 +128,7 @@ def _drive_direction(sign: Sign, rates: FloatArray) -> FloatArray:
     return np.full_like(rates, 1.0 if sign == "axle" else -1.0)
 
 
-def _fit_rule(rule: str, some: MotorSamples, sensor: Sensor, vehicle: Vehicle) -> Estimate:
+def _fit_rule(rule: str, some: DriveLog, sensor: Sensor, vehicle: Vehicle) -> Estimate:
     """Return the numbers of a rule that predict the samples best; outliers count less."""
     kind, _, bounds = _READING_RULES[rule]
     known = np.isfinite(some.currents)
@@ -211,15 +210,18 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: PlantProf
 
 
 def _explained_share(
-    rule: str, numbers: FitNumbers, some: MotorSamples, sensor: Sensor, vehicle: Vehicle
+    rule: str, numbers: FitNumbers, some: DriveLog, sensor: Sensor, vehicle: Vehicle
 ) -> float:
     """Return the share of the currents' variance that the numbers of a rule explain, R^2."""
     off = _predict_currents(rule, numbers, some, sensor, vehicle) - some.currents
     return float(1.0 - np.nanmean(off**2) / np.nanvar(some.currents))
 
 
-def _join_samples(parts: Sequence[MotorSamples]) -> MotorSamples:
-    return MotorSamples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
+def _join_samples(parts: Sequence[DriveLog]) -> DriveLog:
+    """Return the samples of several logs as those of one."""
+    names = ("t", "rates", "currents", "voltages")
+    joined: Document = {n: np.concatenate([getattr(p, n) for p in parts], axis=-1) for n in names}
+    return replace(parts[0], **joined)
 
 
 def _torques_of(
@@ -249,7 +251,7 @@ def _torques_of(
     battery = fit.best["kind"] == "battery"
     constant = constant if log.unit == "A" else 1.0
     _refuse_unexplained(fit)
-    if battery and log.voltages is None:
+    if battery and not log.voltages.size:
         raise ValueError("they are the battery's, and without its voltage power is unknown")
     if not battery and constant <= 0.0:
         return None, _NO_CONSTANT

@@ -94,7 +94,7 @@ def driven_rates(commands: FloatArray, dt: float, law: FitNumbers, own: Drive) -
 
 def held_commands(log: DriveLog) -> list[slice]:
     """Return the samples of each command but zero that was held long enough and at once obeyed."""
-    if log.commands is None:
+    if not log.commands.size:
         return []
     new = np.any(np.diff(log.commands, axis=1) != 0.0, axis=0)
     held = []
@@ -152,7 +152,7 @@ def _message_ages(log: DriveLog) -> FloatArray:
     until the next message. A change of a current or voltage then tells that the rates are new too,
     which the rates themselves need not tell.
     """
-    values = [pair for pair in (log.rates, log.currents, log.voltages) if pair is not None]
+    values = [pair for pair in (log.rates, log.currents, log.voltages) if pair.size]
     new = refreshed(log.t, np.concatenate(values).T)
     sent = log.t[new]
     row, period = (np.median(np.diff(t)) for t in (log.t, sent))
@@ -171,7 +171,7 @@ class CommandLog:
     def __init__(self, log: DriveLog, chassis: PlantProfile, least: int = 0) -> None:
         """Take a log; a ValueError says that fewer commands than `least` were held and obeyed."""
         held = held_commands(log)
-        if log.commands is None or len(held) < least:
+        if not log.commands.size or len(held) < least:
             raise ValueError(
                 f"{log.name} has {len(held)} commands (cmd_v, cmd_w) that were held for "
                 f"{_HELD:g} s and obeyed; "

@@ -66,6 +66,10 @@ def loss_of(plant: PlantProfile) -> float:
     return plant.drive.gear_loss + body.rolling_resistance * side * body.wheel_radius
 
 
+UNKNOWN = np.empty((2, 0))
+"""What a log lacks: a signal of both sides without samples."""
+
+
 @dataclass(frozen=True, eq=False)
 class DriveLog:
     """The signals of a recording that tell of the drive train, M samples; pairs: left, right."""
@@ -73,9 +77,9 @@ class DriveLog:
     name: str  # name of the log
     t: FloatArray  # (M,) time [s]
     rates: FloatArray  # (2, M) wheel rates [rad/s]
-    commands: FloatArray | None  # (2, M) commanded speed [m/s] and yaw rate [rad/s]
-    currents: FloatArray | None  # (2, M) currents [A], or torques [N m]
-    voltages: FloatArray | None  # (2, M) voltages [V]
+    commands: FloatArray  # (2, M) commanded speed [m/s] and yaw rate [rad/s], or `UNKNOWN`
+    currents: FloatArray  # (2, M) currents [A], or torques [N m]; NaN or `UNKNOWN` where unknown
+    voltages: FloatArray  # (2, M) voltages [V], or `UNKNOWN`
     # whether the robot drove, as far as the log tells: it has a heading, or a gyro that shows
     # something
     on_ground: bool
@@ -84,9 +88,8 @@ class DriveLog:
     @property
     def signed(self) -> bool:
         """True if currents can be negative."""
-        if self.currents is None:
-            return False
-        return self.unit == "N m" or bool((self.currents < -0.5).mean() > 0.01)
+        negative = np.count_nonzero(self.currents < -0.5)
+        return self.unit == "N m" or bool(negative > 0.01 * self.currents.size)
 
     def divided(self) -> tuple[DriveLog, DriveLog]:
         """Return its first two thirds, to be fitted, and its last third, which judges."""
@@ -113,11 +116,12 @@ def drive_log(source: str | Log) -> DriveLog:
     log = source if isinstance(source, Log) else read_log(source).on_one_clock()
     columns = log.columns
 
-    def pair(*names: str) -> FloatArray | None:
-        return np.stack([columns[name] for name in names]) if columns.keys() >= set(names) else None
+    def pair(*names: str) -> FloatArray:
+        known = columns.keys() >= set(names)
+        return np.stack([columns[name] for name in names]) if known else UNKNOWN
 
     rates = pair("enc_left", "enc_right")
-    if rates is None:
+    if rates is UNKNOWN:
         raise ValueError(
             f"recording {log.name} has no wheel rates (enc_left, enc_right); "
             f"it has {', '.join(columns)}"
@@ -135,23 +139,22 @@ def log_of_motions(name: str, motions: Sequence[Trajectory]) -> DriveLog | None:
     Where it has neither, it is None.
     """
 
-    def joined(channel: str) -> FloatArray | None:
-        parts = [motion.channels.get(channel) for motion in motions]
-        known = [part for part in parts if part is not None]
-        return np.concatenate(known).T if len(known) == len(parts) else None
+    def joined(channel: str) -> FloatArray:
+        known = [motion.channels[channel] for motion in motions if channel in motion.channels]
+        return np.concatenate(known).T if len(known) == len(motions) else UNKNOWN
 
     t = np.concatenate([motion.t for motion in motions])
     rates = np.concatenate([motion.wheels for motion in motions]).T
-    log = DriveLog(name, t, rates, None, joined(CURRENTS), joined(VOLTAGES), on_ground=True)
+    log = DriveLog(name, t, rates, UNKNOWN, joined(CURRENTS), joined(VOLTAGES), on_ground=True)
     torques = joined(TORQUES)
-    if torques is not None:
+    if torques.size:
         return replace(log, currents=torques, unit="N m")
-    return None if log.currents is None else log
+    return log if log.currents.size else None
 
 
 def require_currents(log: DriveLog) -> FloatArray:
     """Return the (2, M) currents of a log [A]; a ValueError refuses none, or constant ones."""
-    if log.currents is None:
+    if not log.currents.size:
         raise ValueError(f"{log.name} has no currents (current_left, current_right)")
     if not np.ptp(log.currents) > 0.0:
         raise ValueError(f"{log.name} has currents that never change")
@@ -180,16 +183,6 @@ def sensor_of(log: DriveLog) -> Sensor:
     inside = [current[window] for window in _steady_windows(log) for current in currents]
     ripples = [current.std() for current in inside if current.mean() > 5.0 * max(idle, 0.1)]
     return Sensor(kind, np.median(ripples or [1.0]), idle, signed=False)
-
-
-class MotorSamples(NamedTuple):
-    """Currents in steady driving, n samples or means; pairs are left and right."""
-
-    t: FloatArray  # (n,) time [s]
-    rates: FloatArray  # (2, n) wheel rates [rad/s]
-    # (2, n) currents [A]; NaN where unknown, and of sides that stand: bridges may be off
-    currents: FloatArray
-    voltages: FloatArray  # (2, n) voltages of the battery [V]
 
 
 def _steady_windows(log: DriveLog) -> list[slice]:
@@ -228,10 +221,11 @@ def _sensor_refreshes(log: DriveLog) -> Iterator[tuple[int, slice, int]]:
                 yield side, span, int(k)
 
 
-def steady_samples(log: DriveLog) -> tuple[MotorSamples, MotorSamples]:
+def steady_samples(log: DriveLog) -> tuple[DriveLog, DriveLog]:
     """Return a log's currents in steady driving: M samples, and the means of what belongs together.
 
-    That is a steady window, or a value of a slow sensor, of which the other side is unknown.
+    That is a steady window, or a value of a slow sensor, of which the other side is unknown. The
+    currents of sides that stand are unknown too: bridges may be off.
 
     Raises:
         ValueError: it has no currents.
@@ -239,7 +233,7 @@ def steady_samples(log: DriveLog) -> tuple[MotorSamples, MotorSamples]:
     currents = require_currents(log)
     windows = [(slice(None), window, window) for window in _steady_windows(log)]
     voltages = np.full_like(log.rates, _USUAL_VOLTAGE)
-    if log.voltages is not None and (on := log.voltages > _BATTERY_ON).any():
+    if (on := log.voltages > _BATTERY_ON).any():
         voltages = np.where(on, log.voltages, np.median(log.voltages[on]))
     known = np.full_like(currents, np.nan)
     rows = []
@@ -254,8 +248,8 @@ def steady_samples(log: DriveLog) -> tuple[MotorSamples, MotorSamples]:
     t, *pairs = np.array(rows).reshape(-1, 7).T
     rates, own, volts = np.array(pairs).reshape(3, 2, -1)
     return (
-        MotorSamples(log.t, log.rates, _of_turning(known, log.rates), voltages),
-        MotorSamples(t, rates, _of_turning(own, rates), volts),
+        replace(log, currents=_of_turning(known, log.rates), voltages=voltages),
+        replace(log, t=t, rates=rates, currents=_of_turning(own, rates), voltages=volts),
     )
 
 

@@ -150,7 +150,7 @@ def _judging_logs(
 ) -> tuple[list[DriveLog], list[DriveLog]]:
     """Return what judges the driver, and the currents; a ValueError names a log of no use."""
     alike = [log for log in held_out if commanded and log.on_ground == commanded.on_ground]
-    driven = [log for log in held_out if ground and log.on_ground and log.currents is not None]
+    driven = [log for log in held_out if ground and log.on_ground and log.currents.size]
     for log in held_out:
         if log not in (*alike, *driven):
             where = "with its wheels in the air (it has no heading)"
@@ -205,7 +205,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
                 # what a battery's currents tell are torques
                 found[_SCALED.get(key, key) if kind == "battery" else key] = pair
             o.progress(Progress(2, 3, "currents on the ground"))
-        if driver and up and up.currents is not None and not (up.on_ground or up.signed):
+        if driver and up and up.currents.size and not (up.on_ground or up.signed):
             shown = {} if currents is None else values_of(currents.found)
             rho = shown.get("rho", _USUAL_RHO)
             inertia = fit_inertia(driver, rho)

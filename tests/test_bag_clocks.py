@@ -99,7 +99,7 @@ def read_with_clocks(
         moved += [written.tobytes(), stamps.tobytes(), numbers.tobytes()]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(guarded, "ask", lambda *_: ((count, kinds, others), moved))
-        patch.setattr("validation.files.bags._allowance", lambda _: guarded.Allowance(1, 1, 1))
+        patch.setattr("validation.files.bags._allowance", lambda _: (1, 1, 1))
         return read_bag(Path("drive.mcap"), PLAIN)
 
 
@@ -192,7 +192,7 @@ def test_few_messages_with_any_stamps_are_read_or_refused_by_name(
         few += [when.tobytes(), header.tobytes(), numbers.tobytes()]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(guarded, "ask", lambda *_: ((3, FEW, []), few))
-        patch.setattr("validation.files.bags._allowance", lambda _: guarded.Allowance(1, 1, 1))
+        patch.setattr("validation.files.bags._allowance", lambda _: (1, 1, 1))
         with contextlib.suppress(FileError):
             inspected = Inspected(read_bag(Path("drive.mcap"), PLAIN))
             assert not inspected.offsets

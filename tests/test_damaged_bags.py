@@ -154,4 +154,4 @@ def test_a_bag_that_unpacks_to_gigabytes_leaves_nothing(
 
 def test_a_fault_without_words_has_its_name() -> None:
     with pytest.raises(ValueError, match="LookupError"):
-        guarded.ask(child_work.fail, [], guarded.Allowance(60.0, 1 << 30))
+        guarded.ask(child_work.fail, [], (60.0, 1 << 30, 0))

@@ -12,7 +12,6 @@ from tests.conftest import processor_time
 from tests.urdf_factory import UrdfRobot
 from validation import load_robot
 from validation.descriptions.importing import import_robot
-from validation.files import guarded
 from validation.simulator import foreign
 from validation.simulator.composing import compose_robot
 from validation.simulator.description import Robot, models_folder, parse_robot
@@ -73,7 +72,7 @@ def test_what_would_hang_or_reach_out_is_refused(
     (folder / "link.obj").symlink_to(tmp_path / "m.obj")
     (folder / "outer.xml").write_text('<mujoco><include file="../inner.xml"/></mujoco>')
     (tmp_path / "inner.xml").write_text("<mujoco/>")
-    monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(1.0, 2 << 30))
+    monkeypatch.setattr(foreign, "ALLOWANCE", (1.0, 2 << 30, 0))
     robot = with_mjcf(folder, HOSTILE[name])
     began = processor_time()
     with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read") as refused:
@@ -86,7 +85,7 @@ def test_a_urdf_is_tried_in_a_process_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "r.urdf").write_text(UrdfRobot().text())
-    monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(10.0, 1 << 20))
+    monkeypatch.setattr(foreign, "ALLOWANCE", (10.0, 1 << 20, 0))
     with pytest.raises(match="Could not allocate memory"):
         import_robot(tmp_path / "r.urdf")
 
@@ -96,7 +95,7 @@ def test_what_is_included_is_read_in_the_child_and_counts(
 ) -> None:
     """Empty elements are few bytes, but large objects: this process does not grow by them."""
     (tmp_path / "more.xml").write_text(f"<mujoco>{'<a/>' * ((1 << 24) - 10)}</mujoco>")
-    monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(5.0, 1 << 30))
+    monkeypatch.setattr(foreign, "ALLOWANCE", (5.0, 1 << 30, 0))
     robot = with_mjcf(tmp_path, '<include file="more.xml"/>')
     began = processor_time()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

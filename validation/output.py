@@ -29,8 +29,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-import numpy as np
-
 # --- words ---
 
 _HARMFUL = {"Cc", "Cf", "Cs", "Zl", "Zp"}
@@ -207,7 +205,7 @@ def plain_value(value: Any) -> Any:
         return {str(k): plain_value(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [plain_value(v) for v in value]
-    if isinstance(value, np.generic):
+    if hasattr(value, "item"):  # a number of numpy
         return plain_value(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None

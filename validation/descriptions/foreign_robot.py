@@ -188,7 +188,7 @@ def _expanded(path: Path) -> str:
         raise ValueError(
             f"this is a xacro file; expand it first: {command}; or install the extra `xacro`"
         )
-    allowance = guarded.Allowance(seconds=_XACRO_TIME, memory=foreign.ALLOWANCE.memory)
+    allowance = (_XACRO_TIME, *foreign.ALLOWANCE[1:])
     try:
         text, _ = guarded.ask(_expand_xacro, [str(path.resolve())], allowance)
     except ValueError as error:

@@ -116,7 +116,7 @@ def _allowance(path: Path) -> guarded.Allowance:
     for file in files:
         with opened(file) as stream:
             size += os.fstat(stream.fileno()).st_size
-    return guarded.Allowance(
+    return (
         _SECONDS + _SECONDS_PER_BYTE * size,
         _MEMORY + _MEMORY_PER_BYTE * size,
         _DISK + _DISK_PER_BYTE * size,

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from validation.output import shorten_text
 
@@ -39,17 +39,9 @@ _WATCH_S = 0.05
 """Time between two looks at the time that is used [s]."""
 
 
-class Allowance(NamedTuple):
-    """Limits of a child process, which ends beyond them."""
-
-    seconds: float
-    """Time of the processor, without the start of Python [s]."""
-    memory: int
-    """Addresses [bytes]."""
-    disk: int = 0
-    """Size of a file that it writes [bytes]."""
-
-
+Allowance = tuple[float, int, int]
+"""Limits of a child process, which ends beyond them: time of the processor without the start of
+Python [s], addresses [bytes], and the size of a file that it writes [bytes]."""
 Answer = tuple[Any, Sequence[Any]]
 """Answer of a function in a child process: a value of JSON, and buffers of bytes."""
 
@@ -74,9 +66,10 @@ def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Al
             env=os.environ | lean,
         )
     if ran.returncode:
-        what = f"takes more than {allowance.memory / 2**30:.3g} GiB, or ends the reader"
+        seconds, memory, _ = allowance
+        what = f"takes more than {memory / 2**30:.3g} GiB, or ends the reader"
         if abs(ran.returncode) == _SPENT:
-            what = f"takes more than the {allowance.seconds:.3g} s of processor time allowed"
+            what = f"takes more than the {seconds:.3g} s of processor time allowed"
         raise ValueError(f"reading it {what}: does something in it grow without end?")
     output = io.BytesIO(ran.stdout)
     fault, answer, sizes = json.loads(output.readline())

@@ -21,7 +21,7 @@ from ssmr.types import FloatArray
 from validation.files import guarded
 from validation.files.reading import read_file
 
-ALLOWANCE = guarded.Allowance(seconds=10.0, memory=2 << 30)
+ALLOWANCE: guarded.Allowance = (10.0, 2 << 30, 0)
 """Limits of reading and compiling a model, with all files that it includes."""
 MOST_BYTES = 1 << 22
 """Greatest size of a text [bytes]; large ones of manipulators have a few hundred thousand."""

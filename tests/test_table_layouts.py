@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from ssmr.types import FloatArray
+from tests.conftest import exit_status
 from validation.cli.options import _TEXTS
 from validation.files.columns import UNITS, count_on, parse_unit
 from validation.files.csv_logs import read_csv
@@ -25,7 +26,7 @@ from validation.files.formats import read_log
 from validation.files.log import Log, ReadOptions
 from validation.files.names import taken_by_name
 from validation.files.reading import FileError
-from validation.recordings import info
+from validation.recordings import PROGRAM, info
 
 RADIUS = 0.165
 TICKS = 90.0
@@ -411,9 +412,25 @@ def test_what_is_said_of_time_that_goes_back_runs(
     np.testing.assert_allclose(read_csv(tmp_path / "part.csv").columns["x"], T)
 
 
+def test_samples_lost_in_short_bursts_are_bridged_as_it_is_said(tmp_path: Path) -> None:
+    t = 0.02 * np.arange(3000)
+    columns = {"t": t, "x": np.sin(0.2 * t), "y": np.cos(0.3 * t), "yaw": np.sin(0.25 * t)}
+    kept = np.arange(len(t)) % 50 > 5
+    path = tmp_path / "bursts.csv"
+    path.write_text(written({name: values[kept] for name, values in columns.items()}))
+    (lack,) = info(path).inspected.lacks
+    (option,) = re.findall(r"convert (--rate \d+)", lack)
+    even = tmp_path / "even.csv"
+    assert exit_status(PROGRAM, "convert", str(path), *option.split(), "--out", str(even)) == 0
+    assert not info(even).inspected.lacks
+
+
 def test_stamps_that_rows_share_are_counted(tmp_path: Path) -> None:
     whole = said_of(tmp_path / "a.csv", written({"t": np.floor(T), "x": T}))
-    assert "392 of 400 rows repeat the stamp before; t has lost its fraction" in whole
+    assert (
+        "392 of 400 rows repeat the stamp before with other numbers; t has lost its fraction"
+        in whole
+    )
     pairs = said_of(tmp_path / "a.csv", written({"t": np.repeat(T[::2], 2), "x": T}))
     assert "200 of 400 rows repeat the stamp before" in pairs
     assert "fraction" not in pairs

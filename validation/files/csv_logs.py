@@ -340,7 +340,9 @@ def _check_names(table: CsvTable, names: Sequence[str]) -> None:
             says = "--columns t=NAME,x=NAME"
             if "t" in some:
                 says = " or ".join(_offer_times(table)) or says
-            what = f"{what}; {need}; {says} says which columns have other names"
+            what = (
+                f"{what}; {need}; {says} says which columns have other names (numbers count from 1)"
+            )
             raise FileError(table.path, what, table.header_line)
 
 

@@ -91,7 +91,7 @@ def _positions_as_rates(t: FloatArray, values: FloatArray) -> tuple[Way, str] | 
     )
     if not wraps:
         return (t, values), words
-    return (t, np.unwrap(values, period=span)), f"{words}; and it wraps: count on instead"
+    return (t, np.unwrap(values, period=span)), f"{words}; it wraps, and is then counted on"
 
 
 def _summed_speeds(t: FloatArray, values: FloatArray) -> tuple[Way, str]:

@@ -306,7 +306,7 @@ def too_short(longest: float) -> list[str]:
         return []
     return [
         f"{longest:.3g} s without a gap are too short for a window of {_WINDOW_S:g} s: "
-        "drive for a minute or more"
+        "drive for a minute or more, or let recordings convert --rate 10 bridge gaps up to 0.25 s"
     ]
 
 

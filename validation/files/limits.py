@@ -97,7 +97,9 @@ def find_time_fault(t: FloatArray, limits: LogLimits, name: str = "") -> tuple[i
         if len(turns):
             return k + 1, f"{what}go back, this one by {-steps[k]:.6g} s"
         lost = "; t has lost its fraction, as in whole seconds or 32 bits: write it in full"
-        return k + 1, f"{what}repeat the stamp before" + lost * np.array_equal(np.rint(t), t)
+        return k + 1, f"{what}repeat the stamp before with other numbers" + lost * np.array_equal(
+            np.rint(t), t
+        )
     long = int(np.argmax(steps))
     jump = f"time jumps from {t[long]:.16g} to {t[long + 1]:.16g} s"
     median = f"the median step is {usual:.6g} s"

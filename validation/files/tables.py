@@ -169,7 +169,7 @@ def part_rows(table: CsvTable) -> str:
 
 def _note_decimal_sign(path: Path, found: dict[str, str], line: int, cell: str) -> None:
     """Keep the first number with a decimal point or a comma; one with the other is refused."""
-    sign = max(".,", key=cell.rfind)
+    sign = "," if cell.rfind(",") > cell.rfind(".") else "."
     if sign in cell and ":" not in cell:
         found.setdefault(sign, cell)
     if len(found) == 2:
@@ -401,18 +401,17 @@ def _number(cell: str) -> float:
         return math.nan if "_" in cell else float(cell)
     except ValueError:
         pass
-    pointed = cell.replace(",", ".")
+    if "." not in cell and cell.count(",") == 1:
+        return _number(cell.replace(",", "."))
     if _DATE.match(cell):
-        return _date(pointed)
-    if duration := _DURATION.fullmatch(pointed):
+        return _date(cell)
+    if duration := _DURATION.fullmatch(cell):
         parts = zip((86400.0, 3600.0, 60.0, 1.0), duration.groups("0"), strict=True)
         return sum(size * float(part) for size, part in parts)
     # Swedish Excel has a minus of its own; MATLAB writes durations as "0.02 sec"
     plain = cell.replace("\u2212", "-").removesuffix(" sec")
     if plain != cell:
         return _number(plain)
-    if "." not in cell and cell.count(",") == 1:
-        return _number(pointed)
     if grouped := _GROUPED.fullmatch(cell.strip()):
         return _number(cell.replace(grouped[1], ""))
     return math.nan

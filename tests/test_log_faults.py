@@ -72,6 +72,12 @@ def swapped(a: str, b: str) -> Callable[[dict[str, FloatArray]], dict[str, Float
     return lambda columns: {**columns, a: columns[b], b: columns[a]}
 
 
+def delayed(
+    seconds: float, *names: str
+) -> Callable[[dict[str, FloatArray]], dict[str, FloatArray]]:
+    return lambda c: {**c, **{n: np.interp(c["t"] - seconds, c["t"], c[n]) for n in names}}
+
+
 def frozen(*names: str) -> Callable[[dict[str, FloatArray]], dict[str, FloatArray]]:
     """Keep columns as they are in the middle of the log from there on."""
     return lambda columns: {
@@ -199,6 +205,39 @@ def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
             lambda c: swapped(*WHEELS)(scaled(-1.0, *WHEELS)(c)),
         ),
         "compass": ("handedness", "yaw", lambda c: {**c, "yaw": 0.5 * np.pi - c["yaw"]}),
+        "compass of degrees": (
+            "scale",
+            "yaw",
+            lambda c: {**c, "yaw": (90.0 - np.degrees(c["yaw"])) % 360.0},
+        ),
+        "gyro of negative deg/s": ("scale", "gyro_z", scaled(-180.0 / np.pi, "gyro_z")),
+        "left wheel negative, of rpm": (
+            "scale",
+            "enc_left",
+            lambda c: scaled(30.0 / np.pi, *WHEELS)(scaled(-1.0, "enc_left")(c)),
+        ),
+        "commands of percent": (
+            "scale",
+            "cmd_v",
+            lambda c: scaled(143.0, "cmd_w")(scaled(166.0, "cmd_v")(c)),
+        ),
+        "north, east, down": (
+            "handedness",
+            "gyro_z",
+            lambda c: (
+                swapped("x", "y")(scaled(-1.0, "yaw", "gyro_z")(c))
+                | {"yaw": 0.5 * np.pi - c["yaw"]}
+            ),
+        ),
+        "yaw and gyro clockwise": ("handedness", "gyro_z", scaled(-1.0, "yaw", "gyro_z")),
+        **{
+            f"pose late by {seconds} s": (
+                "clock",
+                "yaw",
+                delayed(seconds, *POSE_COLUMNS),
+            )
+            for seconds in (1.8, 2.5, -4.0)
+        },
         "yaw from the y axis": (
             "handedness",
             "yaw",

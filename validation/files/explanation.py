@@ -7,7 +7,7 @@ them is wrong.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any, NamedTuple
@@ -23,6 +23,7 @@ from validation.files.hypotheses import (
     GYRO,
     MISTAKES,
     PLACE,
+    UNITS_ALONE,
     Blamed,
     Idea,
     Mistake,
@@ -30,9 +31,11 @@ from validation.files.hypotheses import (
     fit_factors,
     join_names,
     list_bases,
+    list_sensors,
 )
 from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST, Way
+from validation.files.plain_faults import stuck_samples
 from validation.files.sensors import Signals
 
 # ------------------------------------------------------------------------------------------ samples
@@ -168,31 +171,29 @@ def _small_jumps(e: Agreement, names: Blamed) -> Iterator[Idea]:
 
 
 # ------------------------------------------------------------------------------- tells nothing
-def _clipped_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
-    """Rates that stay at a bound where the motion is beyond it."""
-    changed = {}
-    levels = []
-    group = e.signals.log.groups[column_of(names[0]).group]
-    for name, basis in list_bases(e, names).items():
-        values = np.abs(group.columns[name])
-        most = float(np.max(values))
-        at = (values > (1.0 - 1e-4) * most).astype(np.float64)
-        if most <= 0.0 or np.mean(at) < 0.02:
-            continue
-        way = {name: (group.t, integrate_rates(group.t, at))}
-        share = e.signals.windows.means_of(way, column_of(name).group)[name]
-        mean = e.means[name]
-        told = basis @ fit_factors(basis, np.where(share < 0.01, mean, math.nan))
-        # what would be beyond the bound is explained, whatever it is
-        beyond = (share > 0.01) & (told * np.sign(mean) > 0.95 * np.abs(mean))
-        changed[name] = np.where(beyond, told, mean)
-        levels.append(most)
-    if changed:
-        words = (
-            f"{join_names((*changed,), 'stay')} at +-{max(levels):.3g} where the other signals say "
-            "more: clipped"
-        )
-        yield Idea("clipped", (*changed,), words, e.but(changed), 2.0, parts=False)
+_TOUCHED = 0.01
+"""Share of a window from which it is one of those in which a column is stuck [1]."""
+
+
+def _stuck_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Rates that stay at a bound, or the same for a while, where the others vary."""
+    bases = list_bases(e, names)
+    for kind in ("frozen", "clipped"):
+        at = {name: stuck_samples(e.signals, name, kind) > _TOUCHED for name in bases}
+        if kind == "frozen" and len(bases) == 2:
+            # a robot whose wheels stand without a command may be pushed
+            moves = np.any([e.means[name] for name in names], axis=0) | e.commanded
+            at = dict.fromkeys(names, np.all([*at.values()], axis=0) & moves)
+        changed = {}
+        for name, basis in bases.items():
+            mean = e.means[name]
+            told = basis @ fit_factors(basis, np.where(at[name], math.nan, mean))
+            # what would be beyond a bound is explained, whatever it is
+            beyond = (kind == "frozen") | (told * np.sign(mean) > 0.95 * np.abs(mean))
+            changed[name] = np.where(at[name] & beyond, told, mean)
+        if changed and np.mean([*at.values()]) > 0.03:
+            words = f"{join_names(names, 'keep')} a value, though the others vary: {kind}"
+            yield Idea(kind, names, words, e.but(changed), 2.0, parts=False)
 
 
 _GROUND = 1.0 / 3.0
@@ -249,8 +250,8 @@ def _unrelated_signals(e: Agreement, names: Blamed) -> Iterator[Idea]:
     at_random = []
     for share in (0.25, 0.4, 0.55, 0.7):
         rolled = e.but({name: np.roll(e.means[name], round(share * n)) for name in own})
-        costs = [pair.cost for pair in rolled.pairs if sensor in (pair.a, pair.b)]
-        at_random.append(np.nanmean(np.concatenate([*costs, [0.0]])))
+        mine = [sensor in (pair.a, pair.b) for pair in rolled.pairs]
+        at_random.append(np.nanmean(rolled.costs[mine]))
     words = (
         f"{join_names(names, 'resemble')} nothing that the robot did, while the other columns "
         "resemble one another: another axis or quantity, or those of another drive?"
@@ -264,7 +265,7 @@ def _unrelated_signals(e: Agreement, names: Blamed) -> Iterator[Idea]:
 _OF_SAMPLES: Sequence[Mistake] = (
     (_other_readings, (GYRO, PLACE, ENCODERS, ODOMETRY)),
     (_small_jumps, (PLACE,)),
-    (_clipped_columns, (GYRO, ENCODERS, ODOMETRY)),
+    (_stuck_columns, (GYRO, ENCODERS, ENCODERS[:1], ENCODERS[1:], ODOMETRY)),
     (_slipping_wheels, (ENCODERS,)),
     (_unrelated_signals, (GYRO, POSE_COLUMNS, ENCODERS, ODOMETRY, TWIST)),
 )
@@ -297,10 +298,25 @@ class Explanation(NamedTuple):
 
 
 def explanations(e: Agreement) -> list[Explanation]:
-    """Return the hypotheses by what they explain, the best first."""
-    found = []
+    """Return the hypotheses by what they explain, the best first.
+
+    Where something is wrong, each is tried together with another unit too, which must explain more
+    than a single mistake does.
+    """
+    ideas = [*_list_ideas(e, MISTAKES)]
+    found = [*_weigh_ideas(e, ideas)]
+    most = max((v.gain for v in found), default=0.0)
+    found += _weigh_ideas(e, _list_ideas(e, _OF_SAMPLES))
+    if found:
+        pairs = _weigh_ideas(e, chain.from_iterable(_list_pairs(idea) for idea in ideas))
+        found += [v for v in pairs if (1.0 - _TIE) * v.gain > most]
+    return sorted(found, key=lambda v: -v.gain)
+
+
+def _weigh_ideas(e: Agreement, ideas: Iterable[Idea]) -> Iterator[Explanation]:
+    """Yield those hypotheses that explain enough."""
     n = len(e.signals.windows.t)
-    for idea in _list_ideas(e):
+    for idea in ideas:
         gains = 0.5 * idea.after.gain_over(e)  # windows overlap by half
         span = _best_span(gains) if idea.parts else slice(0, n)
         if span.stop - span.start > _WHOLE * n:
@@ -309,8 +325,17 @@ def explanations(e: Agreement) -> list[Explanation]:
         price = 4.0 + 0.5 * math.log(n) * (idea.freedom + 2.0 * partly)
         gain = float(gains[span].sum()) - price
         if gain > max(_LEAST, _LEAST_EACH * n) and _explains_span(e, idea, span):
-            found.append(Explanation(gain, idea, span))
-    return sorted(found, key=lambda v: -v.gain)
+            yield Explanation(gain, idea, span)
+
+
+def _list_pairs(first: Idea) -> Iterator[Idea]:
+    """Yield a hypothesis together with another unit of columns of the same sensors."""
+    for then in _list_ideas(first.after, UNITS_ALONE):
+        if list_sensors(then.columns) == list_sensors(first.columns):
+            columns = tuple(dict.fromkeys((*first.columns, *then.columns)))
+            words = f"{first.words}; and {then.words}"
+            freedom = first.freedom + then.freedom
+            yield Idea(then.kind, columns, words, then.after, freedom, first.parts)
 
 
 _QUIET = 0.1
@@ -319,9 +344,9 @@ _NOTICED = 6.0
 """Cost beyond that from which columns are looked at [nats]."""
 
 
-def _list_ideas(e: Agreement) -> Iterator[Idea]:
+def _list_ideas(e: Agreement, mistakes: Sequence[Mistake]) -> Iterator[Idea]:
     """Yield the hypotheses on columns that do not agree with the others."""
-    for explain, subjects in (*MISTAKES, *_OF_SAMPLES):
+    for explain, subjects in mistakes:
         for names in subjects:
             own = [bool(pair.columns & {*names}) for pair in e.pairs]
             beyond = np.maximum(np.nan_to_num(e.costs[own]) - _QUIET, 0.0)
@@ -341,8 +366,9 @@ def _best_span(gains: FloatArray) -> slice:
 def _explains_span(e: Agreement, idea: Idea, span: slice) -> bool:
     """Return whether little is left over between the signals that a hypothesis changes."""
     changed = [k for k, pair in enumerate(e.pairs) if pair is not idea.after.pairs[k]]
-    before = float(np.mean(np.nan_to_num(e.costs)[changed, span]))
-    left = float(np.mean(np.nan_to_num(idea.after.costs)[changed, span]))
+    before, left = (
+        float(np.mean(np.nan_to_num(told.costs)[changed, span])) for told in (e, idea.after)
+    )
     partly = span.stop - span.start < e.costs.shape[1]
     return bool(left < max((_EXPLAINED / 2.0 if partly else _EXPLAINED) * before, _ORDINARY))
 
@@ -351,10 +377,11 @@ def _correct_signals(e: Agreement, best: Explanation) -> Agreement:
     """Return what a log tells with the mistake undone where it was made."""
     inside = np.zeros(len(e.signals.windows.t), dtype=bool)
     inside[best.span] = True
-    changed = {}
-    for name, values in best.idea.after.means.items():
-        if values is not e.means[name]:
-            changed[name] = np.where(inside, values, e.means[name])
+    changed = {
+        name: np.where(inside, values, e.means[name])
+        for name, values in best.idea.after.means.items()
+        if values is not e.means[name]
+    }
     return replace(e.but(changed), untold=best.idea.after.untold)
 
 
@@ -371,11 +398,13 @@ def judged(signals: Signals) -> Iterator[LogFault]:
         if not found:
             yield from _say_unexplained_rest(e, blamed)
             return
-        best = found[0]
+        near = [v for v in found if v.gain > (1.0 - _TIE) * found[0].gain]
+        # of those that explain as much, those of fewer sensors
+        fewest = min(len(list_sensors(v.idea.columns)) for v in near)
+        best, *others = [v for v in near if len(list_sensors(v.idea.columns)) == fewest]
         rivals = {best.idea.columns: best}
-        for other in found[1:]:
-            near = other.gain > (1.0 - _TIE) * best.gain
-            if near and not {*best.idea.columns} & {*other.idea.columns}:
+        for other in others:
+            if not {*best.idea.columns} & {*other.idea.columns}:
                 rivals.setdefault(other.idea.columns, other)
         yield _make_fault(signals, list(rivals.values()))
         if "t" in best.idea.columns:
@@ -386,14 +415,12 @@ def judged(signals: Signals) -> Iterator[LogFault]:
 
 def _say_unexplained_rest(e: Agreement, blamed: set[str]) -> Iterator[LogFault]:
     """Yield what is left over between two sensors, if it is more than if one told nothing."""
-    rest = [
-        (float(np.nanmean(pair.cost)), pair)
-        for pair in e.pairs
-        if not blamed & pair.columns and np.any(np.isfinite(pair.cost))
-    ]
-    cost, worst = max(rest, key=lambda each: each[0], default=(0.0, None))
-    if worst is None or cost < UNTOLD:
+    # of a pair that tells nothing, no cost
+    rest = {float(np.mean(np.nan_to_num(p.cost))): p for p in e.pairs if not blamed & p.columns}
+    cost = max(rest, default=0.0)
+    if cost < UNTOLD:
         return
+    worst = rest[cost]
     columns = tuple(name for name in e.signals.log.columns if name in worst.columns)
     times = math.sqrt(math.expm1(cost))
     words = (
@@ -496,7 +523,7 @@ def _late_headings(e: Agreement, edges: FloatArray) -> list[float | None]:
         return [None] * (len(edges) - 1)
     starts = np.searchsorted(windows.t, edges[:-1])
     late, sure = find_delays(e, {"yaw": e.signals.ways["yaw"]}, starts.tolist())
-    taken = np.median(windows.at["pose"] - windows.at[first])
+    taken = windows.late["pose"] - windows.late[first]
     known = (sure > _SURE) & np.isfinite(late)
     return [float(taken + lag) if told else None for lag, told in zip(late, known, strict=True)]
 

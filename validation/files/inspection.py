@@ -20,6 +20,7 @@ from ssmr.types import FloatArray
 from validation.files.columns import POSE_COLUMNS
 from validation.files.explanation import find_parts, judged
 from validation.files.formats import AnyLog, read_log
+from validation.files.hypotheses import TAKEN_OUT, say_late
 from validation.files.log import PLAIN, Group, Log, LogFault, ReadOptions
 from validation.files.motion import ENCODERS, TWIST
 from validation.files.offsets import Offset, estimate_offsets
@@ -131,6 +132,10 @@ def _list_faults(signals: Signals) -> Iterator[LogFault]:
     for fault in judged(signals):
         yield fault
         blamed |= {*fault.columns}
+    for sensor, seconds in signals.windows.late.items():
+        names = tuple(signals.log.groups[sensor].columns)
+        if abs(seconds) > TAKEN_OUT and not blamed & {"t", *names}:
+            yield LogFault("clock", names, say_late(names, seconds))
     for fault in too_large(signals):
         if not blamed & {*fault.columns}:
             yield fault

@@ -17,7 +17,7 @@ from validation.files.columns import POSE_COLUMNS, column_of, trust_in
 from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, ODOMETRY, TWIST, NewPoses, Way, motion_by_sensor
 from validation.files.sensors import MOST_WINDOWS, Signals
-from validation.files.signals import TIME_ROUNDOFF, BoolArray
+from validation.files.signals import TIME_ROUNDOFF
 
 _MOVES = 0.1
 """Rate from which a robot moves [m/s, rad/s]."""
@@ -67,7 +67,7 @@ def frozen(e: Signals) -> Iterator[LogFault]:
     speeds, turns = motion_by_sensor(e.means)
     told = [*speeds.items()]
     told += [(sensor, turn / _TYPICAL.get(sensor, 1.0)) for sensor, turn in turns.items()]
-    shares = {}
+    kept_for = []
     for name, values in e.log.columns.items():
         own = column_of(name).group
         others = [rates for sensor, rates in told if sensor != own]
@@ -79,7 +79,7 @@ def frozen(e: Signals) -> Iterator[LogFault]:
         moves = np.median(size, axis=0) > _MOVES
         kept = np.ones(len(moves), dtype=bool)
         if name in e.means:
-            kept = _kept_values(e, name)
+            kept = stuck_samples(e, name, "frozen") > 0.95
             if name in ENCODERS and np.any(values):
                 # where both sides stand, the robot may be pushed, or its localiser moves alone
                 side = ENCODERS[name == ENCODERS[0]]
@@ -89,37 +89,37 @@ def frozen(e: Signals) -> Iterator[LogFault]:
             moves &= varies | (e.means.get(name, 0.0) == 0.0)
         n = np.count_nonzero(moves & kept)
         if n > max(5, _FROZEN * np.count_nonzero(moves)):
-            shares[name] = 100.0 * n / np.count_nonzero(moves)
-    if shares:
-        words = ", ".join(f"{name} for {share:.0f} %" for name, share in shares.items())
-        what = f"the same value in much of the time in which the robot moves: {words}"
-        yield LogFault("frozen", tuple(shares), what)
+            kept_for.append(name)
+    if kept_for:
+        words = (
+            f"the same value in much of the time in which the robot moves: {', '.join(kept_for)}"
+        )
+        yield LogFault("frozen", tuple(kept_for), words)
 
 
-def _kept_values(e: Signals, name: str) -> BoolArray:
-    """Return (N,) windows in which a column keeps a value, for long and not at a bound."""
+def stuck_samples(e: Signals, name: str, kind: str) -> FloatArray:
+    """Return (N,) shares of windows in which a column is clipped at its bound, or frozen below."""
     group = e.log.groups[column_of(name).group]
     values = group.columns[name]
-    new = np.flatnonzero(np.diff(values, prepend=math.nan) != 0.0)
-    until = np.append(group.t[new[1:]], group.t[-1])
-    kept = until - group.t[new] > _STAYS * e.windows.width
-    most = float(np.max(np.abs(values)))
-    if name not in POSE_COLUMNS and np.ptp(values) > 0.0:  # what stays at its bound is clipped
-        kept &= np.abs(values[new]) < 0.999 * most
-    samples = np.repeat(kept, np.diff(new, append=len(values))).astype(np.float64)
-    way = {name: (group.t, integrate_rates(group.t, samples))}
-    return np.asarray(e.windows.means_of(way, column_of(name).group)[name] > 0.95)
+    stays = np.abs(values) > (1.0 - 1e-4) * max(float(np.max(np.abs(values))), 1e-9)
+    if kind == "frozen":
+        new = np.flatnonzero(np.diff(values, prepend=math.nan) != 0.0)
+        kept = np.diff(group.t[new], append=group.t[-1]) > _STAYS * e.windows.width
+        kept &= ~stays[new] | (name in POSE_COLUMNS) | (len(new) == 1)
+        stays = np.repeat(kept, np.diff(new, append=len(values)))
+    way = {name: (group.t, integrate_rates(group.t, stays.astype(np.float64)))}
+    return e.windows.means_of(way, column_of(name).group)[name]
 
 
 def degrees_of_latitude(e: Signals) -> Iterator[LogFault]:
     """Positions that are degrees on the earth: far from zero, and in a spot that is tiny."""
-    way = next((told.speed for told in e.told.values() if told.speed is not None), None)
-    if way is None or not e.log.has(("x", "y")):
+    ways = [told.speed for told in e.told.values() if told.speed is not None]
+    if not ways or not e.log.has(("x", "y")):
         return
     xy = np.array([e.log.columns[name] for name in ("x", "y")])
     extent = float(np.max(np.ptp(xy, axis=1)))
     on_earth = np.all(np.abs(xy) <= 180.0) and np.max(np.abs(xy)) > 1e3 * extent
-    if on_earth and 0.0 < extent < 0.1 and np.median(np.abs(way)) > _MOVES * extent:
+    if on_earth and 0.0 < extent < 0.1 and np.median(np.abs(ways[0])) > _MOVES * extent:
         sentence = (
             f"x and y keep within {extent:.2g} about {np.mean(xy[0]):.4g} and {np.mean(xy[1]):.4g} "
             "while the wheels drive: they are degrees of latitude and longitude; metres east and "

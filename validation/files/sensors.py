@@ -37,8 +37,14 @@ _WINDOW_S = 1.0
 """Length of the windows over which signals are averaged [s]."""
 _STEP_S = 0.5
 """Time between the middles of two windows [s]."""
-_LAGS = sorted(np.arange(-1.5, 1.51, 0.1).tolist(), key=abs)
-"""Delays of a sensor or a command that are tried [s], the least ones first."""
+_LAGS = np.array(sorted(np.arange(-1.5, 1.51, 0.1), key=abs))
+"""Delays of a sensor or a command that are tried first [s], the least ones first."""
+LONGEST_S = 60.0
+"""Longest delay that is looked for [s]."""
+OF_SPAN = 0.25
+"""Share of a span that its delay is shorter than: of a longer one too little is left to compare."""
+_EXPLAINED = 0.8
+"""Share of a group that another one explains from which its delay is known [1]."""
 _SHORT_S = 60.0
 """Length of a log from which the times above hold [s]; of a shorter one they are parts."""
 MOST_WINDOWS = 4000
@@ -195,6 +201,13 @@ class Windows(NamedTuple):
     means: Means
     """Means of the columns."""
 
+    @property
+    def late(self) -> dict[str, float]:
+        """By group, how much later it is than most others are [s]."""
+        late = {name: float(np.median(at - self.t)) for name, at in self.at.items()}
+        middle = len(late) // 2
+        return {name: seconds - sorted(late.values())[middle] for name, seconds in late.items()}
+
     def means_of(
         self, ways: Mapping[str, Way], group: str, late: FloatArray | float = 0.0
     ) -> Means:
@@ -226,7 +239,7 @@ def windows_of(every: Mapping[str, Group], told: Mapping[str, Way]) -> Windows:
     period = min(g.period for g in groups.values())
     unit = max(min(1.0, (stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
     # windows that are moved by the longest lag stay within all groups
-    margin = unit * (_WINDOW_S + abs(_LAGS[-1]))
+    margin = unit * (_WINDOW_S + float(_LAGS[-1]))
     n = math.floor((stop - start - 2.0 * margin) / (unit * _STEP_S))
     if n < FEWEST_WINDOWS:
         return _NONE
@@ -242,12 +255,12 @@ def windows_of(every: Mapping[str, Group], told: Mapping[str, Way]) -> Windows:
         if not ways:
             continue
         # behind the one that tells most of it: one of them may tell another motion
-        explained = [_group_delay(ways, middles, basis, unit) for basis in bases]
+        explained = [_find_delay(ways, middles, basis, unit) for basis in bases]
         at = middles + max(explained, default=(0.0, 0.0))[1]
         clocks[name] = at
         own = _window_means(ways, at, unit)
         means |= own
-        usable &= ~group.in_gaps(at, -0.5 * unit)
+        usable &= ~group.in_gaps(at, -0.5 * unit) & (at > group.t[0]) & (at < group.t[-1])
         bases.append(np.column_stack(list(own.values())))
     if np.count_nonzero(usable) < FEWEST_WINDOWS:
         return _NONE
@@ -270,28 +283,51 @@ def _window_means(
     return means
 
 
-def _group_delay(
+def _find_delay(
     ways: Mapping[str, Way], middles: FloatArray, rates: FloatArray, unit: float
 ) -> tuple[float, float]:
     """Return how much of a group's columns another one explains, and the delay for that [s].
+
+    A long one is looked for in steps of a window where a short one explains little.
+    """
+    share, late = _group_delay(ways, middles, rates, unit, unit * _LAGS)
+    if share > _EXPLAINED and abs(late) < unit * (_LAGS[-1] - 0.01):
+        return share, late
+    most = min(unit * LONGEST_S, OF_SPAN * float(np.ptp(middles)))
+    steps = np.arange(-most, most, unit * _STEP_S)
+    about = _group_delay(ways, middles, rates, unit, steps)[1]
+    longer = _group_delay(ways, middles, rates, unit, about + unit * _LAGS / 3.0)
+    return longer if longer[0] > max(share, _EXPLAINED) else (share, late)
+
+
+def _group_delay(
+    ways: Mapping[str, Way],
+    middles: FloatArray,
+    rates: FloatArray,
+    unit: float,
+    lags: FloatArray,
+) -> tuple[float, float]:
+    """Return how much of a group's columns another one explains, and which of some lags [s] does.
 
     Signs and units do not matter. Columns are explained by the (N, k) rates of another group, their
     squares and that of a speed of positions by the products of these.
     """
     pairs = np.triu_indices(rates.shape[1])
     products = rates[:, pairs[0]] * rates[:, pairs[1]]
-    moved = [_window_means(ways, middles + unit * lag, unit) for lag in _LAGS]
-    explained = np.zeros(len(_LAGS))
-    speeds = np.zeros((len(middles), len(_LAGS)))
+    moved = [_window_means(ways, middles + lag, unit) for lag in lags]
+    explained = []
+    speeds = np.zeros((len(middles), len(lags)))
     for name in moved[0]:
         values = np.column_stack([means[name] for means in moved])
         if name in ("x", "y"):
             speeds += values**2
         elif name != "heading":
             # where sides change places, only the square stays the same
-            explained += explain_share(values, rates, [0])[0]
-            explained += explain_share(values**2, products, [0])[0]
+            explained.append(explain_share(values, rates, [0])[0])
+            explained.append(explain_share(values**2, products, [0])[0])
     if {"x", "y"} <= moved[0].keys():
-        explained += explain_share(speeds, products, [0])[0]
-    best = int(np.argmax(explained))
-    return float(explained[best]), unit * _LAGS[best]
+        explained.append(explain_share(speeds, products, [0])[0])
+    # a place without its other coordinate tells nothing
+    shares = np.mean(explained or [np.zeros(len(lags))], axis=0)
+    best = int(np.argmax(shares))
+    return float(shares[best]), float(lags[best])

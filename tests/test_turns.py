@@ -12,7 +12,7 @@ import pytest
 from ssmr.control.loop import LoopSettings, run_loop
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import wrap_angle
-from tests.ros_drive import drive_with_faults
+from tests.ros_drive import Faults, drive_with_faults
 from validation.experiment.loops import (
     chosen_controller,
     make_robot,
@@ -133,17 +133,26 @@ def test_mpc_goes_on_where_its_path_goes_back(corner: float, backwards: bool, wa
     assert beside < 0.1  # a target that turns at once at full speed is not followed to the corner
 
 
-def test_the_follower_of_ros_drives_the_same_path(lab: Profile, tmp_path: Path) -> None:
+@pytest.mark.parametrize("stop_at", [math.inf, 6.5])
+@pytest.mark.parametrize("name", ["dock", "spot", "about"])
+def test_the_follower_of_ros_drives_the_same_path(
+    lab: Profile, tmp_path: Path, name: str, stop_at: float
+) -> None:
+    """Also where an emergency stop holds it for two seconds while it turns on the spot."""
     section = lab.plants["mujoco"]
     law = chosen_controller("mpc", lab)[0].on(section.drive)
-    path = str(path_file(tmp_path, "dock"))
+    path = str(path_file(tmp_path, name))
     _, waypoints, _ = open_path(path, 0.4, [make_robot(lab, "mujoco")], law)
     robot = MujocoPlant(section.parameters, section.drive)
-    done = drive_with_faults(robot, law, waypoints)
+    faults = Faults(
+        begin=stop_at, stopped=lambda t: 0.0 <= t < 1.0, confirmed=lambda t: not 0.0 <= t < 2.0
+    )
+    done = drive_with_faults(robot, law, waypoints, faults)
     assert not done.stopped
     assert done.follower.phase == "arrived"
     assert done.rest_off < 0.01
-    assert done.off().max() < 0.05
+    assert done.off().max() < 0.08
+    assert done.rows[-1][0] < waypoints.duration + 10.0
 
 
 def test_a_reference_with_times_turns_in_its_waits(lab: Profile) -> None:

@@ -303,7 +303,7 @@ class PathFollower:
 
     def _go_on(self, t: float, seen: Observation) -> None:
         """Judge where the robot is on the reference: astray, near its target, or at its rest."""
-        place, off = self._nearest_place(self._place, seen.x, seen.y)
+        place, off = self._nearest_place(self._place, seen)
         if place > self._place + 1e-6 or t < self.waypoints.duration:  # not by rounding
             self._advanced_at = t
         self._place = max(place, self._place)
@@ -327,17 +327,21 @@ class PathFollower:
         if t - self._advanced_at >= _SETTLING or t - self._rests_from >= self._answer:
             self.phase = "arrived"
 
-    def _nearest_place(self, t: float, x: float, y: float) -> tuple[float, float]:
-        """Return the time of the path's place nearest to a point [m], and its distance [m].
+    def _nearest_place(self, t: float, seen: Observation) -> tuple[float, float]:
+        """Return the time of the path's pose nearest to the robot, and its path's distance [m].
 
-        That is looked for about the time `t` [s]; a path may cross itself.
+        That is looked for about the time `t` [s]; a path may cross itself. Where the target stands,
+        the clock says how long.
         """
         around = np.arange(-_AROUND, _AROUND, 0.01)
         times = np.clip(t + around, 0.0, self.waypoints.duration)
         aims = targets_at(self._side.tracker.course, times)
-        distances = np.hypot(aims[:, 0] - x, aims[:, 1] - y)
-        nearest = int(np.argmin(distances))
-        return float(times[nearest]), float(distances[nearest])
+        distances = np.hypot(aims[:, 0] - seen.x, aims[:, 1] - seen.y)
+        turned = self.controller.drive.command_half_track * wrap_angle(aims[:, 2] - seen.yaw)
+        off = np.hypot(distances, turned)
+        alike = times[off <= off.min() + 1e-6]
+        nearest = max(int(np.searchsorted(alike, self._t, side="right")) - 1, 0)
+        return float(alike[nearest]), float(distances.min())
 
     def _speed_of(self, v: float, w: float) -> float:
         """Return the speed [m/s] of the faster side's wheels, but for the sign of the bend."""
@@ -398,7 +402,7 @@ class PathFollower:
     def _restart(self, stamp: float, seen: Observation) -> None:
         """Go on from the place of the path that is nearest to the robot, which stands there."""
         at = self._on_reference(seen)._replace(v=0.0, w=0.0)
-        t, _ = self._nearest_place(self._place, at.x, at.y)
+        t, _ = self._nearest_place(self._place, at)
         while self._times and self._times[-1] >= t:
             self._times.pop()
             self._rows.pop()

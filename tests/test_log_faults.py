@@ -387,6 +387,33 @@ def test_units_of_positions_show_on_ice_where_wheels_hardly_tell_the_way() -> No
         }
 
 
+@pytest.mark.parametrize(
+    ("held", "kind", "blamed"),
+    [
+        (WHEELS, "frozen", WHEELS),
+        (WHEELS[1:], "frozen", WHEELS[1:]),
+        ((*WHEELS, *TWIST), "slip", WHEELS),
+        (("gyro_z",), "frozen", ("gyro_z",)),
+    ],
+)
+def test_sensors_that_are_dead_for_a_while_are_told_from_a_robot_that_is_pushed(
+    held: tuple[str, ...], kind: str, blamed: tuple[str, ...]
+) -> None:
+    log = read_log("sample").on_one_clock()
+    start = log.t[0] + 0.5 * (log.t[-1] - log.t[0])
+    stands = (log.t > start) & (log.t < start + 8.0)
+    columns = {n: np.where(stands & (n in held), 0.0, a) for n, a in log.columns.items()}
+    (measured,) = faults_of({"t": log.t, **columns}).faults
+    assert (measured.kind, measured.columns) == (kind, blamed)
+
+
+def test_a_heading_that_was_lost_is_no_log_that_never_turns() -> None:
+    log = read_log("sample").on_one_clock()
+    found = faults_of({"t": log.t, **log.columns, "yaw": 0.0 * log.t})
+    assert "quaternion" in found.faults[0].sentence
+    assert all("heading" in sentence for sentence in found.lacks)
+
+
 def test_two_signals_that_contradict_each_other_are_both_named() -> None:
     columns = {n: a for n, a in drive().items() if n in ("t", *WHEELS, *POSE_COLUMNS)}
     (measured,) = faults_of(swapped(*WHEELS)(columns)).faults

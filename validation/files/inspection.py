@@ -344,8 +344,8 @@ def _find_lacks(signals: Signals) -> Iterator[str]:
         yield stands
     elif turned < _TURNED:
         yield (
-            "the log never turns, so how the robot turns cannot be determined: "
-            "drive curves to both sides, and turn on the spot"
+            "the pose's heading never turns, so how the robot turns cannot be determined: drive "
+            "curves to both sides, and turn on the spot, or take a heading that follows the robot"
         )
     elif extent < _STANDS:
         yield "the robot only turns on the spot: drive ahead and curves too"

@@ -91,17 +91,18 @@ def frozen(e: Signals) -> Iterator[LogFault]:
         if n > max(5, _FROZEN * np.count_nonzero(moves)):
             kept_for.append(name)
     if kept_for:
-        words = (
-            f"the same value in much of the time in which the robot moves: {', '.join(kept_for)}"
+        names = ", ".join(kept_for).replace(
+            "yaw", "yaw (numbers of a quaternion in another order?)"
         )
+        words = "the same value in much of the time in which the robot moves: " + names
         yield LogFault("frozen", tuple(kept_for), words)
 
 
 def stuck_samples(e: Signals, name: str, kind: str) -> FloatArray:
-    """Return (N,) shares of windows in which a column is clipped at its bound, or frozen below."""
+    """Return (N,) shares of windows in which a column is clipped at its bound, or frozen."""
     group = e.log.groups[column_of(name).group]
     values = group.columns[name]
-    stays = np.abs(values) > (1.0 - 1e-4) * max(float(np.max(np.abs(values))), 1e-9)
+    stays = np.abs(values) > (1.0 - 1e-4) * (np.max(np.abs(values)) + 1e-9)
     if kind == "frozen":
         new = np.flatnonzero(np.diff(values, prepend=math.nan) != 0.0)
         kept = np.diff(group.t[new], append=group.t[-1]) > _STAYS * e.windows.width

@@ -239,7 +239,7 @@ def windows_of(every: Mapping[str, Group], told: Mapping[str, Way]) -> Windows:
     period = min(g.period for g in groups.values())
     unit = max(min(1.0, (stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
     # windows that are moved by the longest lag stay within all groups
-    margin = unit * (_WINDOW_S + float(_LAGS[-1]))
+    margin = unit * (_WINDOW_S + _LAGS[-1])
     n = math.floor((stop - start - 2.0 * margin) / (unit * _STEP_S))
     if n < FEWEST_WINDOWS:
         return _NONE

@@ -457,8 +457,8 @@ PRICES = {
     ),
     "validation/identify": Price(
         36_280,
-        15,
-        98,
+        14,
+        97,
         "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
         "several logs: one body, a localiser for each, and how much days differ; all of a log is "
         "fitted, its thirds in motion judge, and better is more than chance; "
@@ -497,15 +497,15 @@ PRICES = {
         "every plant declared once, with the numbers that its robot lets a fit move, and profiles",
     ),
     "validation/replicate": Price(
-        12_840,
-        10,
-        40,
+        12_790,
+        9,
+        39,
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        24_660,
-        12,
-        53,
+        24_560,
+        11,
+        52,
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
@@ -525,7 +525,7 @@ PRICES = {
         "also nav2's limits and dead times",
     ),
     "validation/study": Price(
-        8_990,
+        8_980,
         7,
         26,
         "answers: contact of a robot with its weight in the middle, transfer, drive train",
@@ -539,7 +539,7 @@ PRICES = {
     ),
     "validation/.": Price(
         28_950,
-        19,
+        18,
         59,
         "results side by side, drawn too, comparison, fit, calibration with its verdict, tuning, "
         "robots, what a log contains and can tell, and its conversion, whole writing; workers",

@@ -9,7 +9,7 @@ late one group is behind another.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -254,9 +254,7 @@ def windows_of(every: Mapping[str, Group], told: Mapping[str, Way]) -> Windows:
         ways = {name: told[name] for name in group.columns if name in told}
         if not ways:
             continue
-        # behind the one that tells most of it: one of them may tell another motion
-        explained = [_find_delay(ways, middles, basis, unit) for basis in bases]
-        at = middles + max(explained, default=(0.0, 0.0))[1]
+        at = middles + _find_delay(ways, middles, bases, unit)
         clocks[name] = at
         own = _window_means(ways, at, unit)
         means |= own
@@ -284,20 +282,23 @@ def _window_means(
 
 
 def _find_delay(
-    ways: Mapping[str, Way], middles: FloatArray, rates: FloatArray, unit: float
-) -> tuple[float, float]:
-    """Return how much of a group's columns another one explains, and the delay for that [s].
+    ways: Mapping[str, Way], middles: FloatArray, bases: Sequence[FloatArray], unit: float
+) -> float:
+    """Return the delay of a group [s] behind the one of others that tells most of it.
 
-    A long one is looked for in steps of a window where a short one explains little.
+    One of them may tell another motion. A long delay is looked for in steps of a window where a
+    short one explains little.
     """
-    share, late = _group_delay(ways, middles, rates, unit, unit * _LAGS)
-    if share > _EXPLAINED and abs(late) < unit * (_LAGS[-1] - 0.01):
-        return share, late
+    told = [_group_delay(ways, middles, basis, unit, unit * _LAGS) for basis in bases]
+    share, late = max(told, default=(1.0, 0.0))
+    if share > _EXPLAINED and abs(late) < 1.45 * unit:  # not the last one of `_LAGS`
+        return late
+    rates = bases[told.index((share, late))]
     most = min(unit * LONGEST_S, OF_SPAN * float(np.ptp(middles)))
     steps = np.arange(-most, most, unit * _STEP_S)
     about = _group_delay(ways, middles, rates, unit, steps)[1]
     longer = _group_delay(ways, middles, rates, unit, about + unit * _LAGS / 3.0)
-    return longer if longer[0] > max(share, _EXPLAINED) else (share, late)
+    return longer[1] if longer[0] > max(share, _EXPLAINED) else late
 
 
 def _group_delay(

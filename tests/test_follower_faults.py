@@ -23,6 +23,7 @@ from tests.ros_drive import Driven, Faults, drive_with_faults
 from validation.experiment.loops import chosen_controller, make_robot, slowed_to_feasible
 from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import load_profile
+from validation.ros.watch import Supervisor
 
 SPEED = 0.4
 RATES = (50.0, 10.0, 5.0)
@@ -159,6 +160,43 @@ def test_they_are_named_on_another_robot_too(fault: str, hertz: float) -> None:
     done = drive("husky-tile", hertz=hertz, **faults)
     assert done.named
     assert done.took <= max(1.0, 5.0 / hertz) + 0.06
+
+
+@pytest.mark.parametrize("hertz", RATES)
+@pytest.mark.parametrize("twist", [(0.3, 0.8), (0.3, -0.3), (0.0, 0.5)])
+def test_another_driver_is_named_by_odometry_alone_on_a_robot_that_answers_weakly(
+    twist: tuple[float, float], hertz: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On tile the robot has 0.9 of its model's yaw rate, and somebody drives nearly as it should.
+
+    There are neither wheels nor a gyro, and messages are noisy.
+    """
+    monkeypatch.setattr(Supervisor, "take_wheels", lambda *message: None)
+    rng = np.random.default_rng(3)
+    done = drive(
+        "husky-tile",
+        hertz=hertz,
+        other=lambda t: twist if t >= 0.0 else None,
+        seen=lambda t, seen: Observation(*(seen + rng.normal(0.0, [0.005] * 3 + [0.01] * 2))),
+    )
+    assert "does somebody else drive it?" in done.named
+    assert 0.0 <= done.took <= max(1.0, 5.0 / hertz) + 0.06
+
+
+@pytest.mark.parametrize("gains", [(0.87, 0.7), (1.0, 0.6)])
+def test_a_robot_whose_model_is_wrong_is_no_other_driver(
+    gains: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has these shares of the model's speed and yaw rate, and learns them as it starts."""
+    monkeypatch.setattr(Supervisor, "take_wheels", lambda *message: None)
+    robot = robot_of("thesis-lab")
+    law, _ = chosen_controller("mpc", load_profile("thesis-lab"))
+    b = np.array(law.b)
+    b[[1, 3], [0, 1]] /= gains
+    wrong = replace(law.on(robot.drive), b=tuple(map(tuple, b.tolist())))
+    done = drive_with_faults(robot.body, wrong, circle(SPEED))
+    assert not done.named
+    assert done.off().max() <= 0.02
 
 
 @pytest.mark.parametrize("hertz", RATES)

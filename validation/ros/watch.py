@@ -16,7 +16,12 @@ import numpy as np
 
 from ssmr.control.law import Observation
 from ssmr.control.loop import ClosedRun
-from ssmr.control.predictor import LATE_FEEDBACK, PredictorModel, modelled_speeds
+from ssmr.control.predictor import (
+    LATE_FEEDBACK,
+    PredictorModel,
+    learnt_references,
+    modelled_speeds,
+)
 from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
 from validation.ros.messages import Twist
@@ -47,6 +52,12 @@ _SLIP = 0.3
 """Greatest lateral speed over yaw rate [m]: wheels slip outwards in bends."""
 _GYRO_BIAS = 0.02
 """Greatest error of a gyro that is no fault [rad/s]."""
+_LEARNING = 1.0
+"""Time constant with which learnt gains are believed [s]: a fault is named before it is learnt."""
+_TRUSTED = 3.0
+"""Time constant with which a model with learnt gains comes to be trusted [s]."""
+_UNMODELLED = 0.03
+"""Share of its speed by which a robot then differs from it [1]."""
 _TOGETHER = 0.05
 """Greatest time between samples of wheels, gyro and odometry that are compared [s]."""
 
@@ -68,7 +79,8 @@ class Gap:
         """
         self._most = most
         self._leak = leak
-        self._share = share
+        self.part = share
+        """Share of the motion that errors explain now [1]."""
         self._changes = deque[float]([0.0] * _UNKNOWN, maxlen=_REMEMBERED)
         self._last = np.zeros(1)
         self._scatter = 0.0
@@ -84,7 +96,7 @@ class Gap:
         self._changes.append(float(np.hypot.reduce(apart - self._last)) / math.sqrt(2.0))
         self._last = apart
         total = self.size + apart
-        explained = self._leak * dt + self._share * way
+        explained = self._leak * dt + self.part * way
         self.size = total - np.clip(total, -explained, explained)
 
     def share(self) -> float:
@@ -164,7 +176,8 @@ class Supervisor:
         self._levers = half_track * np.array([-1.0, 0.0, 1.0])
         self._place = Gap(0.1, 0.02, 0.25)
         self._heading = Gap(0.15, 0.03, 0.25)
-        self._speeds = Gap(0.1, 0.03, 0.1)
+        self._speeds = Gap(0.05, 0.02, 0.1)
+        self._gains = np.ones(2)
         self._wheels = Gap(0.012, 0.01, 0.03)
         self._gyro = Gap(0.05, _GYRO_BIAS, 0.05)
         self._turned: tuple[float, Twist] = (-math.inf, (0.0, 0.0))
@@ -234,10 +247,15 @@ class Supervisor:
         """Compare speeds and wheels of time `stamp` [s], `dt` [s] after the last, with commands.
 
         `memory` is that of the predictor. How late the robot answers is not known, so all that it
-        may do within the delays that a predictor tries is right.
+        may do within the delays that a predictor tries is right. It does so with the gains that
+        were learnt before.
         """
         model = modelled_speeds(memory)
-        self._compare_sides(self._speeds, (seen.v, seen.w), model, dt)
+        self._compare_sides(self._speeds, (seen.v, seen.w), model * self._gains[:, None], dt)
+        learnt = learnt_references(memory)
+        share = min(dt / _LEARNING, 1.0)
+        self._gains += share * (np.array([learnt.gain_v, learnt.gain_w]) - self._gains)
+        self._speeds.part += min(dt / _TRUSTED, 1.0) * (_UNMODELLED - self._speeds.part)
         turned_at, twist = self._turned
         if abs(turned_at - stamp) <= _TOGETHER:
             self._compare_sides(self._wheels, twist, model * self._ratios[:, None], dt)
@@ -268,12 +286,10 @@ class Supervisor:
     def cause_of_motion(self, seen: Observation) -> str:
         """Return why the robot does not move as it is told, once that is sure."""
         moves = f"({seen.v:.2f} m/s, {seen.w:.2f} rad/s)"
-        for gap in (self._wheels, self._speeds):
-            side = _one_side(gap)
-            if gap.share() <= 1.0 or not side:
-                continue
-            if self._wheels_lie:
-                return f"the encoder of the {side} wheels contradicts gyro and commands"
+        side = _one_side(self._wheels)  # of the body's speeds none is a side's alone
+        if side and self._wheels_lie:
+            return f"the encoder of the {side} wheels contradicts gyro and commands"
+        if side:
             return f"the {side} side does not turn as commanded {moves}: its motor or its encoder"
         shares = (self._gyro.share(), self._speeds.share(), self._wheels.share())
         if max(shares) <= 1.0:
@@ -287,7 +303,7 @@ class Supervisor:
 
 def _one_side(gap: Gap) -> str:
     """Return the side to which a gap between both sides' speeds is confined, or nothing."""
-    if len(gap.size) < 2:
+    if gap.share() <= 1.0:
         return ""
     left, _, right = np.abs(gap.size)
     if min(left, right) > max(left, right) / 6.0:

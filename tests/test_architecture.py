@@ -509,13 +509,14 @@ PRICES = {
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
-        17_600,
+        17_700,
         5,
         37,
         "the robot and its controller on a ROS 2 graph, also along paths in a frame, of "
         "files or nav_msgs/Path, backwards where their poses say so, wherever /tf "
-        "says that the odometry is; a supervisor names what is wrong with it, and a "
-        "robot that was held waits for a confirmation and goes on from its pose",
+        "says that the odometry is; a supervisor names what is wrong with it, another "
+        "driver by odometry alone, and a robot that was held waits for a confirmation and "
+        "goes on from its pose",
     ),
     "validation/simulator": Price(
         22_530,

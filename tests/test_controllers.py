@@ -208,7 +208,8 @@ def test_the_command_is_minus_k_times_the_state(
     row = np.array([*packed("lqr")[:8], 0.7, 0.4, 0.5])
     integral = 0.05
     memory = REST._replace(i_rho=integral)
-    after = position_step(1, row, memory, Errors(e_rho, e_y, e_alpha), STILL, moving(v, w), DT)
+    moves = STILL._replace(v=0.5)  # where it stands, integrals are zero
+    after = position_step(1, row, memory, Errors(e_rho, e_y, e_alpha), moves, moving(v, w), DT)
     state = np.array([-(e_rho + integral), v, -(0.7 * e_alpha + 0.4 * e_y), w])
     assert np.allclose(
         [after.u_ref, after.w_ref], -row[:8].reshape(2, 4) @ state, rtol=ROUNDOFF, atol=ROUNDOFF

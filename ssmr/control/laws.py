@@ -143,11 +143,32 @@ def _choose_step(steps: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
     return choose
 
 
-position_step: Callable[..., Memory] = _choose_step(
+_chosen_position_step: Callable[..., Memory] = _choose_step(
     [law.position_step for law in _PLAIN.values() if law.position_step]
 )
-"""Compiled `(law, row, memory, errors, target, seen, dt)`, see `Law.position_step`: the memory of
-law number `law` with the gains `row`."""
+
+
+@jit
+def position_step(law: int, row: FloatArray, memory: Memory, *now: Any) -> Memory:
+    """Return the memory of law number `law` with the gains `row` after a position step.
+
+    `now` is errors, target, seen and dt, see `Law.position_step`. What integrals of position errors
+    hold is the speed and the turn of the target, so they are zero where it stands.
+    """
+    before = memory
+    if now[1].v == 0.0:
+        before = Memory(
+            i_rho=0.0,
+            i_y=0.0,
+            i_alpha=0.0,
+            i_u=memory.i_u,
+            i_w=memory.i_w,
+            u_ref=memory.u_ref,
+            w_ref=memory.w_ref,
+        )
+    return _chosen_position_step(law, row, before, *now)
+
+
 velocity_step: Callable[..., tuple[Memory, Command]] = _choose_step(
     [law.velocity_step for law in _PLAIN.values()]
 )

@@ -191,18 +191,7 @@ def position_tick(
         aim = target_at(tracker.course, end, aim.segment)
         errors = position_errors(ahead, aim, ALPHA_SWITCH)
     errors = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
-    before = state.memory
-    if aim.v == 0.0:  # integrals hold the speed and the turn that the target had
-        before = Memory(
-            i_rho=0.0,
-            i_y=0.0,
-            i_alpha=0.0,
-            i_u=before.i_u,
-            i_w=before.i_w,
-            u_ref=before.u_ref,
-            w_ref=before.w_ref,
-        )
-    law_input = (before, errors, aim, ahead, dt)
+    law_input = (state.memory, errors, aim, ahead, dt)
     memory = position_step(tracker.law, tracker.gains, *law_input)
     return LoopState(memory, now.target, now.errors, seen, ahead, state.command)
 

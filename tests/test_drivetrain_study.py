@@ -27,7 +27,7 @@ from tests.drive_train_logs import (
     warthog_on_grass,
 )
 from validation.identify.driver import rate_evidence
-from validation.identify.motor_logs import _steady_windows, drive_log, steady_samples
+from validation.identify.motor_logs import UNKNOWN, _steady_windows, drive_log, steady_samples
 from validation.report.report import Report
 from validation.study.drivetrain import study_drivetrain
 
@@ -163,7 +163,7 @@ def test_rates_with_noise_are_measured_and_steps_are_set_points() -> None:
     noisy = rate_evidence(replace(log, rates=log.rates + noise))
     assert (noisy["wheel_rates_are"], noisy["step_rad_s"]) == ("measured", None)
     assert noisy["scatter_rad_s"] == pytest.approx(0.05, rel=0.1)
-    silent = rate_evidence(replace(log, commands=None))
+    silent = rate_evidence(replace(log, commands=UNKNOWN))
     assert math.isnan(silent["scatter_rad_s"])
     assert silent["wheel_rates_are"] == "set points"  # by its steps
 

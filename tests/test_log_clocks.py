@@ -49,12 +49,12 @@ def test_the_bias_at_rest_is_found_and_taken_out(bias: float) -> None:
     log = made(bias)
     rest = Inspected(log).rest
     assert rest is not None
-    assert rest.bias == pytest.approx(bias, abs=ROUNDOFF)
+    assert rest["bias"] == pytest.approx(bias, abs=ROUNDOFF)
     # of five; half a second before the motion, and what the mean sees of it, do not count
-    assert 3.5 < rest.seconds < 5.0
+    assert 3.5 < rest["seconds"] < 5.0
     cleared = Inspected(unbiased(log, rest)).rest
     assert cleared is not None
-    assert cleared.bias == pytest.approx(0.0, abs=ROUNDOFF)
+    assert cleared["bias"] == pytest.approx(0.0, abs=ROUNDOFF)
     assert Inspected(log.cut(6.0)).rest is None
     with pytest.raises(FileError, match="wheels that stand for 2 s"):
         unbiased(log.cut(6.0), None)

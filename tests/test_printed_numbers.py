@@ -105,6 +105,6 @@ def test_the_length_of_the_line_is_what_the_tables_allow() -> None:
     bounds = np.array([lengths_by(number) for number in ("4.5", "4.6", "4.22", "4.23")])
     low = np.max(bounds[:, 0])
     high = np.min(bounds[:, 1])
-    # what docs/tracking.md says of all four
+    # what docs/errata.md says of all four
     assert (round(low, 2), round(high, 2)) == (10.79, 10.85)
     assert low < length < high

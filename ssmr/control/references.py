@@ -31,7 +31,7 @@ the length."""
 def line(speed: float, length: float = 10.8) -> Waypoints:
     """Return a straight line along x of this `length` [m].
 
-    docs/tracking.md derives the thesis' length from its tables.
+    docs/errata.md derives the thesis' length from its tables.
     """
     _require_positive(length=length)
     x = _arc_lengths(length)

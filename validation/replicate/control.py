@@ -5,7 +5,7 @@ simulations. Simulated against real: the MuJoCo robot takes the place of the rea
 lab's noise and, as in the lab, without disturbance.
 
 Some rows agree only under a supposition about what the thesis does not print. Each supposition
-holds for all tables of its kind, never for a single row; docs/tracking.md shows what was tried, and
+holds for all tables of its kind, never for a single row; docs/errata.md shows what was tried, and
 what each does to every row.
 """
 

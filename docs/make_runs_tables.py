@@ -79,7 +79,7 @@ def judge_others(name: str, logs: Mapping[str, Path], bare: Profile, out: Path) 
 def read_rows(folder: Path, program: str, *columns: str) -> Rows:
     """Return what a program found, with these columns."""
     files = sorted(folder.glob(f"*/{program}.json"))
-    rows = table(files, columns=("run", "plant", *columns)).rows
+    rows = table(files, columns=("run", "plant", *columns)).shown[0].rows
     return {(row["run"], row["plant"]): row for row in rows}
 
 

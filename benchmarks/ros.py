@@ -45,7 +45,7 @@ def _send_odometry(node: Node, topic: str, stamp: float) -> None:
     node.publish(topic, msg.odometry_message(stamp, np.zeros(3), (0.1, 0.2), np.eye(3), np.eye(3)))
 
 
-def _echo_messages(domain: int) -> None:
+def echo_messages(domain: int) -> None:
     """Send back every message, without end."""
     node = _connect_node("echo", domain, _BACK, _THERE)
     while True:

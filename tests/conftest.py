@@ -122,7 +122,7 @@ def hangup() -> Iterator[None]:
 def answer_here(
     function: Callable[..., guarded.Answer], arguments: Sequence[Any], allowance: object
 ) -> guarded.Answer:
-    """What a child process would answer, from this one, whose limits stay as they are."""
+    """Return the answer of a function that is called in this process, where users have a child."""
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr("tempfile.tempdir", folder)
         patch.setattr("resource.setrlimit", lambda *_: None)
@@ -137,7 +137,7 @@ def answer_here(
 
 @pytest.fixture
 def with_children() -> None:
-    """What reads foreign files is a child process with limits, as it is for users."""
+    """Let a child process with limits read foreign files, as it does for users."""
 
 
 @pytest.fixture

@@ -267,7 +267,7 @@ def test_stretches_span_no_gap_and_lose_only_lone_samples(steps: list[float]) ->
 @pytest.mark.parametrize("share", [0.03, 0.1, 0.2, 0.3])
 @pytest.mark.parametrize("seed", range(3))
 def test_samples_that_chance_loses_end_no_piece(share: float, seed: int) -> None:
-    """Of an even raster; what chance does not explain is a gap as before, and a cut moves none."""
+    """Rows that chance takes from an even raster make no gaps; a longer loss does."""
     draw = np.random.default_rng(seed)
     t = 0.02 * np.flatnonzero(draw.random(6000) > share)
     t = t[(t < 50.0) | (t > 51.5)]

@@ -452,7 +452,7 @@ def test_degrees_of_latitude_and_longitude_become_metres(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("parts", [1, 2, 3])
 def test_echoed_joints_have_no_header(tmp_path: Path, parts: int) -> None:
-    """What `ros2 topic echo --csv` writes of JointState, also without velocities or efforts."""
+    """A JointState echoed as CSV has no header, and may lack velocities or efforts."""
     joints = "fl_wheel,fr_wheel,rl_wheel,rr_wheel"
     numbers = ("0,0,0,0", "1,2,3,4", "5,6,7,8")[:parts]
     rows = [f"{k // 10},{k % 10 * 100_000_000},,{joints},{','.join(numbers)}" for k in range(9)]

@@ -147,7 +147,7 @@ class LogReport(Report):
     inspected: Inspected
     """The log as it was opened, and what it shows."""
     log: Log
-    """The same log, or the new one on one clock, as it is written."""
+    """The log that is written: the same one, or a new one whose signals share one clock."""
 
     def figure(self) -> Figure:
         """Return its picture: the log part by part."""

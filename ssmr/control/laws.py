@@ -62,7 +62,7 @@ class Controller:
 
     @property
     def manoeuvres(self) -> tuple[str, ...]:
-        """What the law can follow beside bends, see `Law.manoeuvres`."""
+        """Manoeuvres beside bends that the law can follow, as `Law.manoeuvres` declares them."""
         return LAWS[self.name].manoeuvres
 
     @property

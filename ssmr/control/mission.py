@@ -117,7 +117,7 @@ class PythonController:
     drive: Drive = field(default_factory=Drive)
     """The driver between command and wheels, as the controller knows it."""
     manoeuvres: tuple[str, ...] = ()
-    """What it can follow beside bends, see `ssmr.control.law.Law`."""
+    """Manoeuvres beside bends that it can follow, named as in `ssmr.control.law.Law`."""
     predictor: ClassVar[bool] = True
     number: ClassVar[int] = 0
 

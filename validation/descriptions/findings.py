@@ -181,7 +181,7 @@ def _wheel_inertia(robot: Robot, foreign: Others) -> Finding | None:
         # all the mass at the rim
         most = mass * robot.wheel_radius**2
         usual = f"a cylinder has m r^2 / 2 = {0.5 * most:.4g}"
-        finding = _impossible(wheel, tensor, most, usual)
+        finding = _find_impossible_inertia(wheel, tensor, most, usual)
         greatest = float(np.linalg.eigvalsh(tensor)[-1])
         if finding is None and greatest < 0.5 * _HOLLOW * most:
             finding = Finding(
@@ -196,7 +196,9 @@ def _wheel_inertia(robot: Robot, foreign: Others) -> Finding | None:
     return None
 
 
-def _impossible(body: str, tensor: FloatArray, most: float, usual: str) -> Finding | None:
+def _find_impossible_inertia(
+    body: str, tensor: FloatArray, most: float, usual: str
+) -> Finding | None:
     """Return a finding where no rigid body has an inertia [kg m2], at most `most` by its size."""
     flaw = flaw_of_inertia(tensor, most)
     row = ", ".join(f"{moment:.4g}" for moment in np.diag(tensor))
@@ -215,7 +217,7 @@ def _body_inertia(robot: Robot, foreign: Others) -> Finding | None:
         for name, (_, stated) in foreign.tensors_of(wheeled.base).items():
             parts.append((f"'{name}'", stated, math.inf))
     for part in parts:
-        finding = _impossible(*part, "compute it from size and mass")
+        finding = _find_impossible_inertia(*part, "compute it from size and mass")
         if finding is not None:
             return finding
     total = sum(robot.inertia)

@@ -42,7 +42,7 @@ _MISSING_SIZE = (
     "its tyres have no shape whose radius and width can be read (are they meshes?): measure them, "
     "and give --wheel-radius and --wheel-width to `import`"
 )
-"""What is said where neither file nor user tells the size of the wheels."""
+"""Words of the error where neither the file nor the user tells the size of the wheels."""
 _MOST_FRICTION = 5.0
 """Greatest friction that a robot's file may have [1]."""
 _SURE_FRICTION = 1.0
@@ -51,7 +51,7 @@ spot [1]."""
 _DENSITIES = (1.2, 22_590.0)
 """Masses over the cube of the mean distance of the wheels, of air and of osmium [kg/m3]."""
 _USUAL_DENSITY = 400.0
-"""The same of robots from toys to lorries [kg/m3]."""
+"""A usual mass over the cube of that distance: robots from toys to lorries are near it [kg/m3]."""
 _WRONG_UNITS = {
     "lengths are in millimetres (mm), wanted metres": 1e9,
     "lengths are in centimetres (cm), or in mm with masses in grams, wanted m and kg": 1e6,

@@ -67,7 +67,7 @@ def loss_of(plant: PlantProfile) -> float:
 
 
 UNKNOWN = np.empty((2, 0))
-"""What a log lacks: a signal of both sides without samples."""
+"""A signal of both sides that the log does not have: an array without samples."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,6 +141,9 @@ def test_rows_are_those_of_runs_and_plants(run: Path, tmp_path: Path) -> None:
     assert len({row["run"] for row in shown.rows}) == 3
     assert shown.rows[-1]["model"] == "linear"
     assert shown.rows[-1]["cost"] > 0.0
+    # parameters are shown where all runs fitted them
+    assert "parameters.gain.value" not in shown.rows[-1]
+    assert table(files[-1:]).tables()[0].rows[0]["parameters.gain.value"] > 0.0
     measured = results(run.parent)
     assert [row["d_rms_m"] for row in shown.rows if row["run"] == shown.rows[0]["run"]] == [
         measured[name]["d_rms_m"] for name in measured

@@ -51,7 +51,8 @@ class Side(cli.Common):
     """JSON files of runs, of one program or of several."""
     columns: Sequence[str] = ()
     """Keys of the columns, such as d_rms_m or horizons.6.position_median_m; the usual ones of the
-    program if not given. A key's beginning may be left out; a wrong one lists all."""
+    program, and parameters that all runs fitted, if not given. A key's beginning may be left out; a
+    wrong one lists all."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError where there is no file, or one twice."""
@@ -103,7 +104,9 @@ def table(o: Side) -> SideBySide:
             for values in _result_parts(cli.read_result(path))
         ]
     there = list(dict.fromkeys(key for row in rows for key in row))
-    columns = o.columns or tuple(name for name in _SHOWN if name in there)
+    values = [key for key in there if key.startswith("parameters.") and key.endswith(".value")]
+    shared = [key for key in values if all(key in row for row in rows)]
+    columns = o.columns or (*(name for name in _SHOWN if name in there), *shared)
     heads = [name for name in _HEADS if name in there and name not in columns]
     chosen = [Document() for _ in rows]
     for name in (*heads, *columns):
@@ -142,7 +145,7 @@ def _draw_panels(table: Table) -> list[PanelRow]:
         if not column.holds_words:
             # the first panel of a row has the names
             labels = [""] * len(names) if len(panels) % _ACROSS else names
-            title = f"{column.heading} [{column.unit}]"
+            title = f"{column.heading} [{column.unit}]" if column.unit else column.heading
             panels.append(partial(draw, title, column.texts, labels))
     height = 1.0 + 0.25 * len(names)
     return [PanelRow(height, panels[k : k + _ACROSS]) for k in range(0, len(panels), _ACROSS)]

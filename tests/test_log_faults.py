@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -327,6 +328,59 @@ def test_mistakes_of_loggers_are_named_and_a_sound_log_is_not_blamed(
         if not any(f.kind == kind and set(names.split()) & set(f.columns) for f in measured):
             missed.add(mistake)
     assert missed == UNSEEN & {*tried}
+
+
+def turned(
+    columns: dict[str, FloatArray], place: float, yaw: float, about: complex
+) -> dict[str, FloatArray]:
+    """The columns, with a place that turns about a point by so much a second, and a heading."""
+    turn = np.exp(1j * place * columns["t"])
+    moved = about + turn * (columns["x"] + 1j * columns["y"] - about)
+    return {**columns, "x": moved.real, "y": moved.imag, "yaw": columns["yaw"] + yaw * columns["t"]}
+
+
+@pytest.mark.parametrize("about", [0.0, 30.0 - 40.0j])
+@pytest.mark.parametrize(("place", "yaw"), [(0.02, 0.0), (0.0, -0.02), (-0.03, -0.03), (0.1, 0.0)])
+def test_a_frame_that_turns_is_named_with_its_rates(
+    place: float, yaw: float, about: complex
+) -> None:
+    (fault,) = faults_of(turned(drive(), place, yaw, about)).faults
+    assert fault.kind == "frame"
+    said = [float(number) for number in re.findall(r"by (-?[0-9.]+)", fault.sentence)]
+    assert said == pytest.approx([place, yaw], abs=0.003)
+
+
+def with_pose(
+    columns: dict[str, FloatArray], along: float, side: float, yaw: FloatArray
+) -> dict[str, FloatArray]:
+    """The columns of a localiser ahead and to the side of the robot [m], with other headings."""
+    place = columns["x"] + 1j * columns["y"] + (along + 1j * side) * np.exp(1j * columns["yaw"])
+    return {**columns, "x": place.real, "y": place.imag, "yaw": yaw}
+
+
+def sound_frames() -> dict[str, Spoil]:
+    """Logs whose path is never quite where the heading points, though nothing turns."""
+
+    def with_slope(c: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        return {**c, "y": c["y"] - 0.04 * c["t"]}
+
+    def with_course(c: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        place = np.convolve(c["x"] + 1j * c["y"], np.full(21, 1 / 21.0), "same")
+        course = np.unwrap(np.angle(np.gradient(place)))
+        return {n: a[20:-20] for n, a in {**c, "yaw": course}.items()}
+
+    return {
+        "on a slope": with_slope,
+        "mounted at an angle": lambda c: {**c, "yaw": c["yaw"] + 0.1},
+        "off the middle": lambda c: with_pose(c, 0.4, -0.3, c["yaw"]),
+        "course over ground": with_course,
+        "iron near the compass": lambda c: {**c, "yaw": c["yaw"] + 0.04 * np.sin(c["yaw"])},
+    }
+
+
+@pytest.mark.parametrize("name", sound_frames())
+def test_no_frame_turns_where_path_and_heading_differ_for_another_reason(name: str) -> None:
+    assert faults_of(sound_frames()[name](drive())).faults == ()
 
 
 def test_stamps_of_another_unit_are_judged_as_soon() -> None:

@@ -80,6 +80,7 @@ _WAYS = {
     "cmd": _Bounds(("cmd_v",), (0.6, 1.05, 2.7), 0.35, 0.6),
 }
 """The same of the forward speed."""
+_BOUNDS = {"turn": _TURNS, "way": _WAYS}
 _ANY_WHEEL = 0.28, 1.0, 5.4
 """Ratios of wheels where the robot is not known and they are taken for a Husky's."""
 
@@ -172,10 +173,10 @@ class Agreement:
         """All pairs of witnesses."""
         speeds, turns = self.told
         found = []
-        for what, told, bounds in (("turn", turns, _TURNS), ("way", speeds, _WAYS)):
-            for a, b in combinations([each for each in bounds if each in told], 2):
+        for what, told in (("turn", turns), ("way", speeds)):
+            for a, b in combinations([each for each in _BOUNDS[what] if each in told], 2):
                 pair = self.known.get((what, a, b))
-                found.append(pair or self._compared(what, a, b, told, bounds))
+                found.append(pair or self._compared(what, a, b, told))
         if "pose" in speeds:
             pair = self.known.get(("side", "pose", "pose"))
             found.append(pair or self._sideways(speeds["pose"], turns["pose"]))
@@ -197,23 +198,20 @@ class Agreement:
         noise = self.signals.noise if sensor == "pose" else {}
         return noise.get("yaw" if what == "turn" else "x", 0.0)
 
-    def _compared(
-        self,
-        what: str,
-        a: str,
-        b: str,
-        told: Mapping[str, FloatArray],
-        bounds: Mapping[str, _Bounds],
-    ) -> SignalPair:
-        one, other = bounds[a], bounds[b]
+    def _compared(self, what: str, a: str, b: str, told: Mapping[str, FloatArray]) -> SignalPair:
+        one, other = (_BOUNDS[what][each] for each in (a, b))
         columns = frozenset({*one.columns, *other.columns})
         if what == "way" and "pose" in (a, b):
             columns |= {"heading"}
         if what == "way" and self.signals.radius is None:
-            one, other = (_of_any_wheel(each) for each in (one, other))
+            # a robot that is not known is taken for a Husky
+            one, other = (
+                each._replace(ratios=_ANY_WHEEL) if each.columns == ENCODERS else each
+                for each in (one, other)
+            )
         usual = one.ratios[1] / other.ratios[1]
-        low = usual * math.exp(-math.hypot(*_reach(one)[:1], *_reach(other)[1:]))
-        high = usual * math.exp(math.hypot(*_reach(one)[1:], *_reach(other)[:1]))
+        low = usual * math.exp(-math.hypot(_reach(one)[0], _reach(other)[1]))
+        high = usual * math.exp(math.hypot(_reach(one)[1], _reach(other)[0]))
         both = np.isfinite(told[a]) & np.isfinite(told[b])
         cost = np.full(len(both), math.nan)
         if np.count_nonzero(both) < 10:
@@ -233,7 +231,7 @@ class Agreement:
             fitted = factor if related else possible
             z = x - c - fitted * y
             size = np.maximum(np.abs(x), np.abs(fitted * y))
-            step = np.maximum(np.abs(_slope(x)), np.abs(_slope(fitted * y))) / self.period
+            step = np.max(np.abs(np.gradient([x, fitted * y], self.period, axis=1)), axis=0)
             floor = _FLOOR * _ranked(size, 0.9) + _STANDS[what]
             variance = floor**2 + noise**2 + (share * size) ** 2 + (late * step) ** 2
             costs = np.log1p(z**2 / variance)
@@ -252,7 +250,7 @@ class Agreement:
             costs = costs + _BEYOND * min(beyond, _MOST_BEYOND)
         factor = max(factor, 1e-9)
         cost[both] = costs
-        return SignalPair(what, a, b, columns, factor * other.ratios[1] / one.ratios[1], cost)
+        return SignalPair(what, a, b, columns, factor / usual, cost)
 
     def _sideways(self, along: FloatArray, turn: FloatArray) -> SignalPair:
         """Compare the way to the side with none, but for a lever and a small angle."""
@@ -281,13 +279,6 @@ class Agreement:
         return SignalPair("side", "pose", "pose", _SIDE, 1.0, cost)
 
 
-def _of_any_wheel(bounds: _Bounds) -> _Bounds:
-    """Return what wheels do where the robot is not known and they are taken for a Husky's."""
-    if bounds.columns != ENCODERS:
-        return bounds
-    return bounds._replace(ratios=_ANY_WHEEL)
-
-
 def _reach(bounds: _Bounds) -> tuple[float, float]:
     """Return the logarithms of how far a ratio may be below and above the typical one."""
     least, typical, most = bounds.ratios
@@ -296,23 +287,18 @@ def _reach(bounds: _Bounds) -> tuple[float, float]:
 
 def columns_of(what: str, sensor: str) -> tuple[str, ...]:
     """Return the columns by which a sensor tells turns or ways."""
-    return (_TURNS if what == "turn" else _WAYS)[sensor].columns
+    return _BOUNDS[what][sensor].columns
 
 
 def is_ordinary(what: str, sensor: str, factor: float) -> bool:
     """Return whether a sensor may tell a rate times such a factor of the typical one."""
-    below, above = _reach((_TURNS if what == "turn" else _WAYS)[sensor])
+    below, above = _reach(_BOUNDS[what][sensor])
     return -below < math.log(factor) < above
 
 
 def _ranked(values: FloatArray, share: float) -> float:
     """Return the number below which a share of (N,) numbers lies."""
     return float(np.sort(values)[int(share * (len(values) - 1))])
-
-
-def _slope(values: FloatArray) -> FloatArray:
-    """Return half the change from the value before to the one after."""
-    return np.asarray(np.gradient(values))
 
 
 def _middle_ratio(x: FloatArray, y: FloatArray) -> float:

@@ -49,8 +49,7 @@ def _without_zeros(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
     if not len(told):
         return None
     after = np.searchsorted(told, np.arange(len(values)))
-    last = told[np.maximum(after - 1, 0)]
-    later = told[np.minimum(after, len(told) - 1)]
+    last, later = told[np.clip([after - 1, after], 0, len(told) - 1)]
     lost = (values == 0.0) & (later - last < _LOST_IN_A_ROW) & (values[last] * values[later] > 0.0)
     n = np.count_nonzero(lost)
     way = t[~lost], integrate_rates(t[~lost], values[~lost])
@@ -92,9 +91,8 @@ def _positions_as_rates(t: FloatArray, values: FloatArray) -> tuple[Way, str] | 
         "a position, which adds up, and not a rate: its slope tells the motion; --columns "
         "enc_left=NAME:rad (or :turns, :deg, :ticks) takes those of wheels"
     )
-    if not wraps:
-        return (t, values), words
-    return (t, np.unwrap(values, period=span)), f"{words}; it wraps, and is then counted on"
+    words += "; it wraps, and is then counted on" * bool(wraps)
+    return (t, np.unwrap(values, period=span)), words
 
 
 def _summed_speeds(t: FloatArray, values: FloatArray) -> tuple[Way, str]:
@@ -139,7 +137,7 @@ def _other_readings(e: Agreement, names: Blamed) -> Iterator[Idea]:
                 changed[name] = values * usual / (float(fit_factors(basis, values)[0]) or 1.0)
         words = f"{' and '.join(ways)}: {said[0]}"
         kind_said = "counter" if "wraps" in said[0] else kind
-        yield Idea(kind_said, (*ways,), words, e.but(changed), 2.0, parts=False)
+        yield Idea(kind_said, (*ways,), words, e.but(changed), 2.0)
 
 
 _OUTSTANDS = 12.0
@@ -167,7 +165,7 @@ def _small_jumps(e: Agreement, names: Blamed) -> Iterator[Idea]:
         f"x and y make {n} step{'s' * (n > 1)} of {np.median(size[at]):.2g} m, the first at "
         f"{poses.t[1:][at][0]:.1f} s, that no wheel made: the localiser corrects itself"
     )
-    yield Idea("jumps", names, words, e.but(e.signals.windows.means_of(ways, "pose")), parts=False)
+    yield Idea("jumps", names, words, e.but(e.signals.windows.means_of(ways, "pose")))
 
 
 # ------------------------------------------------------------------------------- tells nothing
@@ -193,7 +191,7 @@ def _stuck_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             changed[name] = np.where(at[name] & beyond, told, mean)
         if changed and np.mean([*at.values()]) > 0.03:
             words = f"{join_names(names, 'keep')} a value, though the others vary: {kind}"
-            yield Idea(kind, names, words, e.but(changed), 2.0, parts=False)
+            yield Idea(kind, names, words, e.but(changed), 2.0)
 
 
 _GROUND = 1.0 / 3.0
@@ -239,7 +237,7 @@ def _slipping_wheels(e: Agreement, names: Blamed) -> Iterator[Idea]:
         price = _SLIPPED * (1.0 + 0.75 * len(others))
         freedom = 3.0 + len(others) + price * np.count_nonzero(where) / math.log(len(where))
         after = e.but(changed)
-        yield Idea("slip", blamed, words, after, freedom, parts=False)
+        yield Idea("slip", blamed, words, after, freedom)
 
 
 def _unrelated_signals(e: Agreement, names: Blamed) -> Iterator[Idea]:
@@ -259,7 +257,7 @@ def _unrelated_signals(e: Agreement, names: Blamed) -> Iterator[Idea]:
     nothing = e.but({name: np.full(n, math.nan) for name in own})
     after = replace(nothing, untold=0.6 * float(np.median(at_random)))
     kind = "swapped" if sensor == "imu" else "unrelated"
-    yield Idea(kind, names, words, after, parts=False)
+    yield Idea(kind, names, words, after)
 
 
 _OF_SAMPLES: Sequence[Mistake] = (
@@ -365,7 +363,7 @@ def _best_span(gains: FloatArray) -> slice:
 
 def _explains_span(e: Agreement, idea: Idea, span: slice) -> bool:
     """Return whether little is left over between the signals that a hypothesis changes."""
-    changed = [k for k, pair in enumerate(e.pairs) if pair is not idea.after.pairs[k]]
+    changed = [was is not now for was, now in zip(e.pairs, idea.after.pairs, strict=True)]
     before, left = (
         float(np.mean(np.nan_to_num(told.costs)[changed, span])) for told in (e, idea.after)
     )
@@ -387,8 +385,6 @@ def _correct_signals(e: Agreement, best: Explanation) -> Agreement:
 
 def judged(signals: Signals) -> Iterator[LogFault]:
     """Yield what the signals of a log show to be wrong."""
-    if not signals.means:
-        return
     e = Agreement.of_log(signals)
     if not e.pairs:
         return
@@ -438,16 +434,16 @@ def _make_fault(signals: Signals, rivals: Sequence[Explanation]) -> LogFault:
     when = ""
     if best.span.stop - best.span.start < len(t):
         start, end = float(t[best.span.start]), float(t[best.span.stop - 1])
-        when = f" from {start:.0f} to {end:.0f} s"
+        when = f"; from {start:.0f} to {end:.0f} s"
         if best.span.stop == len(t):
-            when = f" from {start:.0f} s on"
+            when = f"; from {start:.0f} s on"
     words = ", or ".join(v.idea.words for v in rivals)
     kinds = {v.idea.kind for v in rivals}
     kind = best.idea.kind if len(kinds) == 1 else "disagree"
     if len(rivals) > 1:
         words += "; the log cannot say which"
     columns = tuple(dict.fromkeys(chain(*(v.idea.columns for v in rivals))))
-    return LogFault(kind, columns, f"{words}{when and f';{when}'}", start, end)
+    return LogFault(kind, columns, words + when, start, end)
 
 
 # ------------------------------------------------------------------------------------------ parts
@@ -534,8 +530,7 @@ def _residuals_of_part(e: Agreement, inside: IndexArray) -> dict[str, float | No
     found = dict[str, float | None]()
     for sensor, name in {**names, "cmd": "commands"}.items():
         costs = [pair.cost[inside] for pair in e.pairs if sensor in (pair.a, pair.b)]
-        told = np.concatenate([*costs, []])
-        told = told[np.isfinite(told)]
         if costs:
+            told = np.extract(np.isfinite(costs), costs)
             found[name] = float(np.sqrt(np.expm1(np.median(told)))) if len(told) else None
     return found

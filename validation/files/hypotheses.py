@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import chain
+from itertools import chain, permutations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
 from validation.files.agreement import Agreement, columns_of, is_ordinary
@@ -20,6 +21,7 @@ from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST, Way
 from validation.files.sensors import FEWEST_WINDOWS, LONGEST_S, OF_SPAN
 from validation.files.signals import explain_share, find_peak, sturdy_fit
 
+ComplexArray = NDArray[np.complex128]
 Blamed = tuple[str, ...]
 PLACE = ("x", "y")
 GYRO: Blamed = ("gyro_z",)
@@ -42,7 +44,7 @@ class Idea(NamedTuple):
     """What the log tells without the mistake."""
     freedom: float = 1.0
     """Number of parameters that are fitted for it."""
-    parts: bool = True
+    parts: bool = False
     """Whether it may hold for a part of a log."""
 
 
@@ -130,16 +132,16 @@ def _swapped_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
     for kind, blamed, words, sources, rotation in _list_swaps():
         if blamed != names or not sources.keys() <= e.means.keys():
             continue
-        changed = {}
-        for name, parts in sources.items():
-            made = [factor * e.means[source] for source, factor in parts.items()]
-            changed[name] = np.sum(made, axis=0)
+        changed = {
+            name: np.sum([factor * e.means[source] for source, factor in parts.items()], axis=0)
+            for name, parts in sources.items()
+        }
         if "yaw" in sources:
             heading = sources["yaw"]["yaw"] * e.means["heading"]
             turn = _path_angle(e, heading) if rotation is None else rotation
             changed["heading"] = heading + (turn or 0.0)
         freedom = float(len(names)) + (rotation is None)
-        yield Idea(kind, names, f"{join_names(names)} {words}", e.but(changed), freedom)
+        yield Idea(kind, names, f"{join_names(names)} {words}", e.but(changed), freedom, True)
 
 
 def _path_angle(e: Agreement, heading: FloatArray) -> float | None:
@@ -147,9 +149,7 @@ def _path_angle(e: Agreement, heading: FloatArray) -> float | None:
     if not {*PLACE} <= e.means.keys():
         return None
     step = e.means["x"] + 1j * e.means["y"]
-    speeds = e.told[0]
-    along = speeds.get("wheels", speeds.get("odom", np.real(step * np.exp(-1j * heading))))
-    off = np.sign(along) * step * np.exp(-1j * heading)
+    off = _seen_ahead(e, step * np.exp(-1j * heading))
     wrong = np.abs(off) > 0.2 * np.percentile(np.abs(step), 90.0)
     wrong &= np.abs(np.angle(off)) > _ANGLE
     # a localiser ahead of the middle moves sideways in turns
@@ -160,6 +160,14 @@ def _path_angle(e: Agreement, heading: FloatArray) -> float | None:
     return float(np.angle(np.median(apart.real) + 1j * np.median(apart.imag)))
 
 
+def _seen_ahead(e: Agreement, seen: ComplexArray) -> ComplexArray:
+    """Return (N,) velocities in the robot's frame, turned round where it drives backwards."""
+    speeds = e.told[0]
+    return seen * np.sign(speeds.get("wheels", speeds.get("odom", seen.real)))
+
+
+_ROUNDS = 6
+"""Number of times that the directions of a path and what moves it are fitted to one another."""
 _ANGLE = math.radians(8.0)
 """Angle between path and heading from which it is unusual [rad]."""
 
@@ -173,14 +181,41 @@ def _turned_path(e: Agreement, names: Blamed) -> Iterator[Idea]:
             f"path and heading are {abs(math.degrees(math.remainder(angle, math.tau))):.0f} deg "
             "apart: the localiser is mounted at an angle, or x, y and yaw are of different frames"
         )
-        yield Idea("frame", names, words, e.but({"heading": heading + angle}), 2.0)
+        yield Idea("frame", names, words, e.but({"heading": heading + angle}), 2.0, True)
     if np.ptp(heading) > 1.5:
         words = (
             "x grows and y does not, wherever the robot heads: they are counted along the robot, "
             "not in a fixed frame"
         )
         fixed = (e.means["x"] + 1j * e.means["y"]) * np.exp(1j * heading)
-        yield Idea("frame", PLACE, words, e.but({"x": fixed.real, "y": fixed.imag}), parts=False)
+        yield Idea("frame", PLACE, words, e.but({"x": fixed.real, "y": fixed.imag}))
+
+
+def _turning_frames(e: Agreement, names: Blamed) -> Iterator[Idea]:
+    """Places and headings that are counted in frames that turn evenly."""
+    t = e.signals.windows.at["pose"]
+    one = np.ones(len(t))
+    line = np.column_stack([t, one])
+    x, y = (np.interp(t, *e.signals.ways[name]) for name in PLACE)
+    heading = e.means["heading"]
+    path = step = e.means["x"] + 1j * e.means["y"]
+    # such a frame moves what is in it, about whatever point
+    moves = np.column_stack([1j * (x - x.mean()) - (y - y.mean()), 1j * one, one])
+    for _ in range(_ROUNDS):
+        off = _seen_ahead(e, path * np.exp(-1j * heading))
+        fast = np.abs(off) > np.median(np.abs(off))
+        apart = fit_factors(line[fast], np.unwrap(np.angle(off[fast])))
+        still = heading + line @ apart
+        seen = np.exp(-1j * still)
+        turn = fit_factors((moves * seen[:, None]).imag, (step * seen).imag)
+        path = step - moves @ turn
+    own = turn[0] - apart[0]
+    words = (
+        f"x and y turn by {turn[0]:z.3f} rad/s against the others, and yaw by {own:z.3f}, evenly: "
+        "the frame of a localiser turns, or a heading adds up an offset"
+    )
+    changed = {"x": path.real, "y": path.imag, "yaw": e.means["yaw"] - own, "heading": still}
+    yield Idea("frame", names, words, e.but(changed), 5.0)
 
 
 def _curved_rates(e: Agreement, names: Blamed) -> Iterator[Idea]:
@@ -188,7 +223,7 @@ def _curved_rates(e: Agreement, names: Blamed) -> Iterator[Idea]:
     v, w = names
     words = f"{w} follows the curvature of the path: times {v} it tells the turn"
     turned = e.but({w: e.means[v] * e.means[w]})
-    yield Idea("curvature", (w,), words, turned, parts=False)
+    yield Idea("curvature", (w,), words, turned)
 
 
 def _unsigned_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
@@ -207,7 +242,7 @@ def _unsigned_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
         f"{join_names(names, 'tell')} no direction: never negative, although the other signals say "
         "that the robot turns or drives backwards"
     )
-    yield Idea("sign", names, words, e.but(changed), -1.0, parts=False)
+    yield Idea("sign", names, words, e.but(changed), -1.0)
 
 
 # ------------------------------------------------------------------------------------------ units
@@ -249,7 +284,7 @@ def _other_units(e: Agreement, names: Blamed) -> Iterator[Idea]:
         words = _words_of_unit(names, told, factor, e)
         # wheels have any radius and any gear; of others, an odd factor is less likely
         likely = names == ENCODERS or bool(_fitting_unit(names, factor, e.signals.radius))
-        yield Idea("scale", names, words, e.but(changed), 2.0 if likely else 4.0)
+        yield Idea("scale", names, words, e.but(changed), 2.0 if likely else 4.0, True)
 
 
 def _words_of_unit(
@@ -301,21 +336,17 @@ def _fitting_unit(names: Blamed, factor: float, radius: float | None) -> str:
 def _one_of_two(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """One of x and y in another unit, or one of the two sides of wheels."""
     bases = list_bases(e, names).items()
-    factors = [abs(fit_factors(basis, e.means[name])[0]) for name, basis in bases]
-    if not min(factors, default=0.0) > 1e-9:
-        return
-    for name, other, ratio in (
-        (*names, factors[0] / factors[1]),
-        (*names[::-1], factors[1] / factors[0]),
-    ):
-        if abs(math.log(ratio)) < 0.3:
+    sizes = {name: 1e-9 + abs(fit_factors(basis, e.means[name])[0]) for name, basis in bases}
+    for name, other in permutations(sizes):
+        ratio = sizes[name] / sizes[other]
+        if not 0.3 < abs(math.log(ratio)) < 15.0:
             continue
         unit = _fitting_unit(PLACE, float(f"{ratio:.1g}"), 1.0) if names == PLACE else ""
         words = (
             f"{name} tells some {float(f'{ratio:.2g}'):g} times the way that {other} says beside "
             f"the other signals: it is in {unit or 'another unit, or loses samples'}"
         )
-        yield Idea("scale", (name,), words, e.but({name: e.means[name] / ratio}), 2.0)
+        yield Idea("scale", (name,), words, e.but({name: e.means[name] / ratio}), 2.0, True)
 
 
 _OFFSET = 0.025
@@ -341,11 +372,11 @@ def _trends_of_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
                 f"{name} less the yaw rate is {level:.2g} rad/s throughout: it has an offset; "
                 "where the robot stands, `recordings convert --unbias` takes a gyro's out"
             )
-            yield Idea("offset", names, words, e.but({name: values - level}))
+            yield Idea("offset", names, words, e.but({name: values - level}), 1.0, True)
         if abs(slope) > _DRIFT:
             words = f"{name} less the yaw rate grows by {slope:.2f} rad/s in the log: it drifts"
             after = e.but({name: values - level - slope * share})
-            yield Idea("drift", names, words, after, 2.0, parts=False)
+            yield Idea("drift", names, words, after, 2.0)
     growth = float(np.mean(growths)) if growths else 0.0
     if 0.05 < abs(growth) < 1.9:
         # a factor that it has from the first on is another cause
@@ -355,7 +386,7 @@ def _trends_of_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             "at first beside the other signals"
         )
         after = e.but({name: e.means[name] / trend for name in names})
-        yield Idea("scale", names, words, after, 2.0, parts=False)
+        yield Idea("scale", names, words, after, 2.0)
 
 
 # ------------------------------------------------------------------------------------------ time
@@ -375,7 +406,7 @@ def _time_unit(e: Agreement, names: Blamed) -> Iterator[Idea]:
         f"t is not in seconds{', but grows by one a row: it seems to count rows' * rows}"
     )
     after = e.but({**changed, "heading": e.means["heading"]})
-    yield Idea("clock", ("t", *names), words, after, 2.0 if rows else 4.0, parts=False)
+    yield Idea("clock", ("t", *names), words, after, 2.0 if rows else 4.0)
 
 
 _LONG = 0.002
@@ -456,7 +487,8 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
             # of the two, that one is late that is later than the other sensors
             blamed, off = others, -lag
         words = say_late(blamed, off)
-        yield Idea("clock", blamed, words, e.but(e.signals.windows.means_of(ways, group, lag)), 2.0)
+        after = e.but(e.signals.windows.means_of(ways, group, lag))
+        yield Idea("clock", blamed, words, after, 2.0, True)
     if np.count_nonzero(known) < max(5, parts // 2):
         return
     # by least absolute errors: one part may tell nonsense
@@ -470,7 +502,7 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
         )
         middles = start + slope * (t - 0.5 * np.ptp(t) / parts)
         after = e.but(e.signals.windows.means_of(ways, group, middles))
-        yield Idea("clock", names, words, after, 3.0, parts=False)
+        yield Idea("clock", names, words, after, 3.0)
 
 
 _WIDTHS_S = (2.0, 3.0, 4.0, 6.0, 8.0)
@@ -506,7 +538,7 @@ def _smoothed_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             f"{join_names(names, 'follow')} {how} of what the others tell over some {width:g} s: "
             "smoothed, and fast turns are lost in it"
         )
-        yield Idea("smoothed", names, words, after, 4.0, parts=False)
+        yield Idea("smoothed", names, words, after, 4.0)
 
 
 def _list_kernels(period: float) -> Iterator[tuple[str, float, FloatArray]]:
@@ -538,6 +570,7 @@ MISTAKES: Sequence[Mistake] = (
     *UNITS_ALONE,
     (_swapped_columns, tuple(dict.fromkeys(swap[1] for swap in _list_swaps()))),
     (_turned_path, (POSE_COLUMNS,)),
+    (_turning_frames, (POSE_COLUMNS,)),
     (_curved_rates, (TWIST, ODOMETRY)),
     (_unsigned_columns, tuple(names for names in SUBJECTS if names != PLACE)),
     (_one_of_two, (PLACE, ENCODERS)),

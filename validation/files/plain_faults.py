@@ -44,7 +44,7 @@ def set_points(e: Signals) -> Iterator[LogFault]:
     for late in (0, 1):
         asked = twists[np.maximum(now[now >= 0] - late, 0)]
         rest = np.abs(asked @ np.linalg.lstsq(asked, rates)[0] - rates)
-        if np.all(size > 0.1) and np.all(np.percentile(rest, 98.0, axis=0) < 1e-3 * size):
+        if min(size) > 0.1 and np.all(np.percentile(rest, 98.0, axis=0) < 1e-3 * size):
             sentence = (
                 "enc_left and enc_right follow from cmd_v and cmd_w exactly: they are set points, "
                 "and not what encoders measured"

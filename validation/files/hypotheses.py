@@ -74,14 +74,9 @@ def list_sensors(names: Blamed) -> set[str]:
 
 
 def list_bases(e: Agreement, names: Blamed) -> dict[str, FloatArray]:
-    """Return by column what others tell of it; of a whole pose, by its yaw alone."""
-    bases = {}
-    for name in names if "yaw" not in names else ("yaw",):
-        basis = e.basis_of(name)
-        if basis is None:
-            return {}
-        bases[name] = basis
-    return bases
+    """Return by column what others tell of it, if they do; of a whole pose, by its yaw alone."""
+    alone = ("yaw",) if "yaw" in names else names
+    return {name: basis for name in alone if (basis := e.basis_of(name)) is not None}
 
 
 # ------------------------------------------------------------------------------------------ places
@@ -212,7 +207,7 @@ def _turning_frames(e: Agreement, names: Blamed) -> Iterator[Idea]:
     own = turn[0] - apart[0]
     words = (
         f"x and y turn by {turn[0]:z.3f} rad/s against the others, and yaw by {own:z.3f}, evenly: "
-        "the frame of a localiser turns, or a heading adds up an offset"
+        "the localiser's frame turns, or its heading adds up a gyro's offset"
     )
     changed = {"x": path.real, "y": path.imag, "yaw": e.means["yaw"] - own, "heading": still}
     yield Idea("frame", names, words, e.but(changed), 5.0)

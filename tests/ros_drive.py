@@ -14,6 +14,7 @@ import numpy as np
 from ssmr.control.law import Observation
 from ssmr.control.laws import AnyController
 from ssmr.control.waypoints import Waypoints
+from ssmr.metrics.paths import nearest_squared
 from ssmr.types import FloatArray, State
 from validation.ros.follower import PathFollower, StoppedError
 from validation.ros.robot import CommandGate, SimulatedRobot
@@ -25,12 +26,7 @@ TICK = 0.01
 
 def distances_to_path(xy: FloatArray, path: FloatArray) -> FloatArray:
     """Return the (M,) distances [m] of (M, 2) places from the segments of an (N, 2) polyline."""
-    steps = np.diff(path, axis=0)
-    lengths = np.maximum((steps**2).sum(axis=1), 1e-18)
-    offsets = xy[:, None] - path[:-1]
-    share = np.clip((offsets * steps).sum(axis=2) / lengths, 0.0, 1.0)
-    gaps = offsets - share[..., None] * steps
-    return np.asarray(np.hypot(gaps[..., 0], gaps[..., 1]).min(axis=1))
+    return np.sqrt(nearest_squared(np.array(xy), np.array(path)))
 
 
 @dataclass

@@ -100,6 +100,10 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
     "wheel_shape": (model({"at": "0.01 0 0"}), True),
     "axes": (model({"axis": "0 -1 0"}), True),
     "weight_off": (model(com="-0.1 0 0.05"), False),
+    "held by a tie": (
+        model(more='<equality><joint joint1="front_left_j" joint2="front_right_j"/></equality>'),
+        True,
+    ),
     "held by its free joint": (model(joint='<joint type="free" damping="60"/>'), True),
     "held by dampers": (model().replace('armature="0.05"', 'armature="0.05" damping="40"'), True),
     "held by brakes": (
@@ -109,10 +113,6 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
     "held by springs": (model().replace('armature="0.05"', 'armature="0.05" stiffness="30"'), True),
     "held by a liquid": (
         model(option=OPTION.replace("/>", ' density="1e3" viscosity="60"/>')),
-        True,
-    ),
-    "held by a tie": (
-        model(more='<equality><joint joint1="front_left_j" joint2="front_right_j"/></equality>'),
         True,
     ),
     "which_friction by torsion": (model(condim="4").replace(" .005 ", " .3 "), True),
@@ -151,7 +151,17 @@ def examine(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Examine
     return examined
 
 
-@pytest.mark.parametrize("kind", DISEASES)
+KINDS = [name.partition(" ")[0] for name in DISEASES]
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        # each kind by one cause, and in the slow tests by all; test_influences.py names each cause
+        pytest.param(name, marks=[pytest.mark.slow] * (KINDS.index(KINDS[k]) < k))
+        for k, name in enumerate(DISEASES)
+    ],
+)
 def test_a_planted_disease_is_found_by_name_and_cured(
     kind: str, examine: Callable[[str], Examined]
 ) -> None:
@@ -220,24 +230,39 @@ STOPPED = {
 }
 
 
-@pytest.mark.parametrize("name", STOPPED)
+@pytest.fixture(scope="module")
+def faults_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], frozenset[str]]:
+    """Returns the kinds of a model's faults, and examines it once."""
+
+    @cache
+    def kinds_of(text: str) -> frozenset[str]:
+        path = tmp_path_factory.mktemp("theirs") / "theirs.xml"
+        path.write_text(text)
+        found = check_robot(path).findings
+        return frozenset(finding.kind for finding in found if finding.severity == "fault")
+
+    return kinds_of
+
+
+@pytest.mark.parametrize(
+    "name",
+    # one that is carried otherwise and one that is held, and in the slow tests all
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name not in ("masks", "a tie")))
+        for name in STOPPED
+    ],
+)
 def test_of_a_robot_that_cannot_move_nothing_that_follows_is_blamed(
-    name: str, tmp_path: Path
+    name: str, faults_of: Callable[[str], frozenset[str]]
 ) -> None:
     """It has the faults of the same robot that can, and the one that keeps it from moving."""
     (old, new), kind = STOPPED[name]
     text = model(soft="", kv="40")
-    kinds = []
-    for each in (text, text.replace(old, new)):
-        path = tmp_path / "theirs.xml"
-        path.write_text(each)
-        found = check_robot(path).findings
-        kinds.append({finding.kind for finding in found if finding.severity == "fault"})
-    assert kinds[0]
-    assert kinds[1] == kinds[0] | {kind}
+    assert faults_of(text)
+    assert faults_of(text.replace(old, new)) == faults_of(text) | {kind}
 
 
-@pytest.mark.parametrize("step", ["1e-5", "2e-6"])
+@pytest.mark.parametrize("step", ["2e-6", pytest.param("1e-5", marks=pytest.mark.slow)])
 def test_a_short_step_of_a_file_takes_no_longer(step: str, tmp_path: Path) -> None:
     """It is driven with a longer one, shows the same, and this is said."""
     kinds = []

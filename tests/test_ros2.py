@@ -393,66 +393,6 @@ def text_of(log: Path) -> str:
     return " ".join(log.read_text(encoding="utf-8", errors="replace").split())
 
 
-def test_a_robot_is_driven_along_a_line_and_ctrl_c_ends_it(tmp_path: Path, graph: Graph) -> None:
-    """The controller finds the robot, drives it and arrives.
-
-    Mission time is that of the stamps, so load does not matter.
-    """
-    path = tmp_path / "short.csv"
-    path.write_text("x,y\n0,0\n0.3,0\n0.6,0\n", encoding="utf-8")
-    out = tmp_path / "out"
-    with process(tmp_path, graph, "sim", "--no-noise") as (robot, said_by_robot):
-        control = (
-            "control",
-            "pid",
-            str(path),
-            "--speed",
-            "0.2",
-            "--patience",
-            str(PATIENCE),
-            "--out",
-            str(out),
-        )
-        # a machine that stalls for half a second has the robot stopped, as it should
-        for _ in range(3):
-            with process(tmp_path, graph, *control) as (controller, log):
-                status = controller.wait(2.0 * PATIENCE)
-            if status == 0 or "no feedback for" not in text_of(log):
-                break
-        assert status == 0, text_of(log)
-        robot.send_signal(signal.SIGINT)
-        assert robot.wait(PATIENCE) == cli.EXIT_INTERRUPTED
-        assert "/cmd_vel commands" in text_of(said_by_robot)
-    document = json.loads((out / "track.json").read_text(encoding="utf-8"))
-    assert document["status"] == "arrived"
-    assert document["options"]["judged_by"] == "/vrpn_mocap/husky/pose"
-    assert document["metrics"]["d_rms_m"] < 0.05
-
-
-def test_a_killed_robot_stops_the_controller(tmp_path: Path, graph: Graph) -> None:
-    """Feedback ends without a word; the controller says so, and keeps the drive."""
-    out = tmp_path / "out"
-    control = ("control", "pid", "line", "--patience", str(PATIENCE), "--out", str(out))
-    with (
-        process(tmp_path, graph, "sim") as (robot, _),
-        process(tmp_path, graph, *control) as (controller, log),
-    ):
-        with joined(graph) as node:
-            node.subscribe("/cmd_vel", TWIST, msg.read_twist, 10)
-            sent: list[float] = []
-
-            def half_a_second() -> bool:
-                """Whether so many commands came; a drive without motion leaves no files."""
-                sent.extend(v for _, (v, _) in node.receive() if v > 0.0)
-                return len(sent) >= 10 or controller.poll() is not None
-
-            wait_for(half_a_second, "commands")
-        robot.kill()
-        assert controller.wait(PATIENCE) == 1
-    assert "no feedback for" in text_of(log)
-    assert json.loads((out / "track.json").read_text(encoding="utf-8"))["status"] == "stopped"
-
-
 def short_way(tmp_path: Path) -> Path:
     """Return the file of a straight path of 0.6 m."""
     path = tmp_path / "short.csv"
@@ -466,30 +406,56 @@ def control_along(path: Path, out: Path, *more: str) -> tuple[str, ...]:
     return ("control", "mpc", str(path), "--speed", "0.2", *waits, *more)
 
 
-def test_either_side_may_be_started_again(tmp_path: Path, graph: Graph) -> None:
-    """A controller that comes back finds the robot, and one that waits finds a new robot."""
-    command = control_along(short_way(tmp_path), tmp_path / "out")
-    with process(tmp_path, graph, "sim", "--no-noise"):
-        with process(tmp_path, graph, *command) as (first, log), joined(graph) as node:
-            node.subscribe("/cmd_vel", TWIST, msg.read_twist, 10)
-            wait_for(lambda: any(v for _, (v, _) in node.receive()), "a drive")
+def wait_for_drive(node: Node, controller: subprocess.Popen[bytes]) -> None:
+    """Wait for half a second of commands: a drive without motion leaves no files."""
+    sent: list[float] = []
+
+    def drives() -> bool:
+        sent.extend(v for _, (v, _) in node.receive() if v > 0.0)
+        return len(sent) >= 10 or controller.poll() is not None
+
+    wait_for(drives, "commands")
+
+
+def test_either_side_may_end_and_be_started_again(tmp_path: Path, graph: Graph) -> None:
+    """A controller that comes back finds the robot, and one that waits finds a new robot.
+
+    Ctrl-C ends either; a robot that is killed says no word, and its controller keeps the drive.
+    """
+    out = tmp_path / "out"
+    command = control_along(short_way(tmp_path), out)
+    with process(tmp_path, graph, "sim", "--no-noise") as (robot, _), joined(graph) as node:
+        node.subscribe("/cmd_vel", TWIST, msg.read_twist, 10)
+        with process(tmp_path, graph, *command) as (first, log):
+            wait_for_drive(node, first)
             first.send_signal(signal.SIGINT)
             assert first.wait(PATIENCE) == cli.EXIT_INTERRUPTED, text_of(log)
+        node.receive()
         with process(tmp_path, graph, *command) as (second, log):
-            wait_for(lambda: "waiting for the robot" in text_of(log), "the controller")
-            second.wait(PATIENCE)
-            assert "driving" in text_of(log)
-    # the robot is gone now, without a word
+            wait_for_drive(node, second)
+            robot.kill()
+            assert second.wait(PATIENCE) == 1
+    assert "no feedback for" in text_of(log)
+    assert json.loads((out / "track.json").read_text(encoding="utf-8"))["status"] == "stopped"
+    # mission time is that of the stamps, so load does not matter, but for a machine that stalls
     for _ in range(3):
         with process(tmp_path, graph, *command) as (third, log):
             wait_for(lambda: "waiting for the robot" in text_of(log), "the controller")
-            with process(tmp_path, graph, "sim", "--no-noise"):
+            with process(tmp_path, graph, "sim", "--no-noise") as (robot, said_by_robot):
                 status = third.wait(2.0 * PATIENCE)
+                robot.send_signal(signal.SIGINT)
+                assert robot.wait(PATIENCE) == cli.EXIT_INTERRUPTED
         if status == 0 or "no feedback for" not in text_of(log):
             break
     assert status == 0, text_of(log)
+    assert "/cmd_vel commands" in text_of(said_by_robot)
+    document = json.loads((out / "track.json").read_text(encoding="utf-8"))
+    assert document["status"] == "arrived"
+    assert document["options"]["judged_by"] == "/vrpn_mocap/husky/pose"
+    assert document["metrics"]["d_rms_m"] < 0.05
 
 
+@pytest.mark.slow  # without processes in test_ros_frames.py
 def test_a_path_in_the_tracking_systems_frame_is_driven_there(tmp_path: Path, graph: Graph) -> None:
     """The file names the frame, and the robot stands at its beginning, turned by half a radian."""
     way = tmp_path / "way.csv"
@@ -560,17 +526,13 @@ def fields_of(message: Any) -> Any:
     return message
 
 
+@pytest.mark.slow  # without processes in test_ros_control.py
 @pytest.mark.parametrize(
     ("change", "reliable", "why"),
     [
-        pytest.param(None, False, "", marks=pytest.mark.slow),
+        (None, False, ""),
         (nowhere, True, r"no feedback that can be used for .* position\.x is nan"),
-        pytest.param(
-            and_another,
-            False,
-            r"the pose jumped, or stayed behind, by 0\.7\d m",
-            marks=pytest.mark.slow,
-        ),
+        (and_another, False, r"the pose jumped, or stayed behind, by 0\.7\d m"),
         (and_a_camera, True, ""),
     ],
 )

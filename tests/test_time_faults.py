@@ -133,8 +133,7 @@ def off_path(run: ClosedRun) -> float:
     """Return the root mean square, over the way driven, of the distances from the path [m]."""
     xy = run.columns("x", "y")
     ways = np.append(step_lengths(xy), 0.0)
-    path = eight().xy
-    away = np.concatenate([distances_to_path(place[None], path) for place in xy])
+    away = distances_to_path(xy, eight().xy)
     return float(np.sqrt(np.average(away**2, weights=ways)))
 
 

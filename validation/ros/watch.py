@@ -81,7 +81,7 @@ class Gap:
         self._leak = leak
         self.part = share
         """Share of the motion that errors explain now [1]."""
-        self._changes = deque[float]([0.0] * _UNKNOWN, maxlen=_REMEMBERED)
+        self._changes = np.zeros(_UNKNOWN)
         self._last = np.zeros(1)
         self._scatter = 0.0
         self.size = np.zeros(1)
@@ -92,8 +92,10 @@ class Gap:
 
         Motion that can be wrong by a share went `way` [m or rad] meanwhile, along each axis.
         """
-        self._scatter = _SCATTER * float(np.median(self._changes))
-        self._changes.append(float(np.hypot.reduce(apart - self._last)) / math.sqrt(2.0))
+        self._scatter = _SCATTER * np.median(self._changes)
+        # arrays are replaced and never written to: a copy of a gap goes on by itself
+        change = np.hypot.reduce(apart - self._last) / math.sqrt(2.0)
+        self._changes = np.append(self._changes[1 - _REMEMBERED :], change)
         self._last = apart
         total = self.size + apart
         explained = self._leak * dt + self.part * way
@@ -111,8 +113,8 @@ class SenderClock:
         """Begin without a message."""
         self.lateness = 0.0
         """Time by which the newest message came later than the quickest ones [s]."""
-        self._known = deque[tuple[float, float]](maxlen=_REMEMBERED)
-        self._rates = deque[float](maxlen=_REMEMBERED)
+        self._known = np.empty((0, 2))
+        self._rates = np.empty(0)
         self._latenesses = deque[float](maxlen=_REMEMBERED)
         self._quickest = math.inf
 
@@ -123,8 +125,8 @@ class SenderClock:
         sender's clock is slow, as on a busy machine: by the median of all rates over a second, or,
         before these are known, by whatever grows less quickly than time. What is left is lateness.
         """
-        known = np.array(self._known).reshape(-1, 2)
-        self._known.append((stamp, age))
+        known = self._known
+        self._known = np.append(known[1 - _REMEMBERED :], [(stamp, age)], axis=0)
         if len(known):
             dt = stamp - known[-1, 0]
             self._quickest += self._drift(known, stamp, age) * dt
@@ -140,12 +142,13 @@ class SenderClock:
         before = int(np.searchsorted(known[:, 0], stamp - _APART, side="right")) - 1
         if before >= 0:
             begin, age_then = known[before]
-            self._rates.append((age - age_then) / (stamp - begin))
-        if not self._rates:
+            rate = (age - age_then) / (stamp - begin)
+            self._rates = np.append(self._rates[1 - _REMEMBERED :], rate)
+        if not len(self._rates):
             step = (age - known[-1, 1]) / (stamp - known[-1, 0])
             return step if 0.0 < step <= 0.8 else 0.0
         rate = float(np.median(self._rates))
-        scatter = float(np.median(np.abs(np.array(self._rates) - rate)))
+        scatter = np.median(np.abs(self._rates - rate))
         if abs(rate) * math.sqrt(len(self._rates)) < 2.0 * _SCATTER * scatter:
             rate = 0.0  # within six standard errors: it is asked at every message
         line = known[:, 1] + rate * (stamp - known[:, 0])
@@ -211,10 +214,10 @@ class Supervisor:
         One that does not is forgotten: with poses of two senders in turn, those of one follow, and
         the others' distance is no scatter.
         """
-        gaps = copy.deepcopy((self._place, self._heading))
+        gaps = (copy.copy(self._place), copy.copy(self._heading))
         v = 0.5 * (before.v + seen.v)
         w = 0.5 * (before.w + seen.w)
-        turn = float(wrap_angle(seen.yaw - before.yaw))
+        turn = wrap_angle(seen.yaw - before.yaw)
         yaw = before.yaw + 0.5 * dt * w
         way = dt * v * np.array([math.cos(yaw), math.sin(yaw)])
         # speeds between messages are not known, and wheels slip aside
@@ -224,13 +227,12 @@ class Supervisor:
         self._heading.add(np.array([turn - dt * w]), turned, dt)
         place = self._place.share()
         heading = self._heading.share()
-        follows = max(place, heading) <= 1.0
-        if follows:
+        if max(place, heading) <= 1.0:
             self.contradictions = max(self.contradictions - 1.0 / SURE, 0.0)
-            return follows
+            return True
         self.contradictions += 1.0
         if self.contradictions == 1.0:
-            size = float(np.hypot.reduce(self._place.size))
+            size = np.hypot.reduce(self._place.size)
             self.away = (
                 f"the pose jumped, or stayed behind, by {size:.2f} m: "
                 f"its speeds say {seen.v:.2f} m/s"
@@ -241,7 +243,7 @@ class Supervisor:
                     f"its rates say {seen.w:.2f} rad/s"
                 )
         self._place, self._heading = gaps
-        return follows
+        return False
 
     def judge_motion(self, stamp: float, seen: Observation, memory: FloatArray, dt: float) -> None:
         """Compare speeds and wheels of time `stamp` [s], `dt` [s] after the last, with commands.

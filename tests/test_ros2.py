@@ -34,6 +34,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 90.0
 """Longest time for which anything is waited for [s]: a node starts in 3 s, and on a busy machine in
 twenty."""
+SILENT = re.compile("no feedback for|the stamps of the feedback jumped")
+"""What a controller says of a robot that is silent, or comes back from that on a busy machine."""
 TWIST = "geometry_msgs/msg/Twist"
 STRING = "std_msgs/msg/String"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -435,43 +437,30 @@ def test_either_side_may_end_and_be_started_again(tmp_path: Path, graph: Graph) 
             wait_for_drive(node, second)
             robot.kill()
             assert second.wait(PATIENCE) == 1
-    assert "no feedback for" in text_of(log)
+    assert SILENT.search(text_of(log))
     assert json.loads((out / "track.json").read_text(encoding="utf-8"))["status"] == "stopped"
+    # a path in the tracking system's frame, at whose beginning the new robot stands
+    rows = [f"{1.0 + d * math.cos(0.5)},{2.0 + d * math.sin(0.5)},world" for d in (0.0, 0.3, 0.6)]
+    way = tmp_path / "way.csv"
+    way.write_text("\n".join(["x,y,frame", *rows]), encoding="utf-8")
+    command = control_along(way, out, "--feedback", "pose")
     # mission time is that of the stamps, so load does not matter, but for a machine that stalls
     for _ in range(3):
         with process(tmp_path, graph, *command) as (third, log):
             wait_for(lambda: "waiting for the robot" in text_of(log), "the controller")
-            with process(tmp_path, graph, "sim", "--no-noise") as (robot, said_by_robot):
+            again = ("sim", "--no-noise", "--start", "1,2,0.5")
+            with process(tmp_path, graph, *again) as (robot, said_by_robot):
                 status = third.wait(2.0 * PATIENCE)
                 robot.send_signal(signal.SIGINT)
                 assert robot.wait(PATIENCE) == cli.EXIT_INTERRUPTED
-        if status == 0 or "no feedback for" not in text_of(log):
+        if status == 0 or not SILENT.search(text_of(log)):
             break
     assert status == 0, text_of(log)
     assert "/cmd_vel commands" in text_of(said_by_robot)
     document = json.loads((out / "track.json").read_text(encoding="utf-8"))
     assert document["status"] == "arrived"
-    assert document["options"]["judged_by"] == "/vrpn_mocap/husky/pose"
-    assert document["metrics"]["d_rms_m"] < 0.05
-
-
-@pytest.mark.slow  # without processes in test_ros_frames.py
-def test_a_path_in_the_tracking_systems_frame_is_driven_there(tmp_path: Path, graph: Graph) -> None:
-    """The file names the frame, and the robot stands at its beginning, turned by half a radian."""
-    way = tmp_path / "way.csv"
-    rows = [f"{1.0 + d * math.cos(0.5)},{2.0 + d * math.sin(0.5)},world" for d in (0.0, 0.3, 0.6)]
-    way.write_text("\n".join(["x,y,frame", *rows]), encoding="utf-8")
-    out = tmp_path / "out"
-    command = control_along(way, out, "--feedback", "pose")
-    for _ in range(3):  # a machine that stalls for half a second has the robot stopped
-        with process(tmp_path, graph, "sim", "--no-noise", "--start", "1,2,0.5"):
-            with process(tmp_path, graph, *command) as (controller, log):
-                status = controller.wait(2.0 * PATIENCE)
-        if status == 0 or "no feedback for" not in text_of(log):
-            break
-    assert status == 0, text_of(log)
-    document = json.loads((out / "track.json").read_text(encoding="utf-8"))
     assert document["options"]["frame"] == "world"
+    assert document["options"]["judged_by"] == "/vrpn_mocap/husky/pose"
     assert document["metrics"]["d_rms_m"] < 0.05
 
 
@@ -569,7 +558,7 @@ def test_what_comes_on_the_graph_is_driven_by_or_stops_the_robot(
                     for sent in change(relayed) if faulty and change else [relayed]:
                         writer.write(dds._idl_message(ODOMETRY, sent))
             status = controller.wait(PATIENCE)
-        if "no feedback for" not in text_of(log):
+        if not SILENT.search(text_of(log)):
             break
     assert driven >= 10
     document = json.loads((out / "track.json").read_text(encoding="utf-8"))

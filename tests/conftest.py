@@ -26,7 +26,8 @@ import pytest
 from hypothesis import settings
 
 from ssmr.metrics.declared import METRICS, Metrics
-from ssmr.types import Plant
+from ssmr.metrics.paths import nearest_squared
+from ssmr.types import FloatArray, Plant
 from tests.workers import *  # noqa: F403 - pytest's hooks
 from validation import cli
 from validation.engines.body import EngineMissingError
@@ -188,6 +189,18 @@ def make_exact(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Pla
     The shipped one is held to it elsewhere.
     """
     return lambda: installed_plant(lab, request.param, PhysicsSettings(solver="Newton"))
+
+
+def read_only(numbers: FloatArray) -> FloatArray:
+    """Numbers that nobody writes to, as results have them: kernels are compiled for no others."""
+    kept = np.ascontiguousarray(numbers).view()
+    kept.setflags(write=False)
+    return kept
+
+
+def distances_to_path(xy: FloatArray, path: FloatArray) -> FloatArray:
+    """The (M,) distances [m] of (M, 2) places from the segments of an (N, 2) polyline."""
+    return np.sqrt(nearest_squared(read_only(xy), read_only(path)))
 
 
 def processor_time() -> float:

@@ -14,19 +14,14 @@ import numpy as np
 from ssmr.control.law import Observation
 from ssmr.control.laws import AnyController
 from ssmr.control.waypoints import Waypoints
-from ssmr.metrics.paths import nearest_squared
 from ssmr.types import FloatArray, State
+from tests.conftest import distances_to_path
 from validation.ros.follower import PathFollower, StoppedError
 from validation.ros.robot import CommandGate, SimulatedRobot
 from validation.simulator.plant import MujocoPlant
 
 TICK = 0.01
 """Time between two instants at which something may happen [s]."""
-
-
-def distances_to_path(xy: FloatArray, path: FloatArray) -> FloatArray:
-    """Return the (M,) distances [m] of (M, 2) places from the segments of an (N, 2) polyline."""
-    return np.sqrt(nearest_squared(np.array(xy), np.array(path)))
 
 
 @dataclass

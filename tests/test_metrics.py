@@ -28,16 +28,16 @@ from ssmr.metrics.declared import (
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
+    PathMeasures,
     bend_ratio_kernel,
     bending_energy,
     measure_paths,
-    nearest_squared,
     one_sided_kernel,
     path_length,
 )
 from ssmr.metrics.windows import TIME_TOLERANCE, horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
-from tests.conftest import metrics_of
+from tests.conftest import distances_to_path, metrics_of, read_only
 
 # relative, and in metres for paths of some metres: algebraic identities and other libraries'
 # distances
@@ -59,14 +59,14 @@ paths = st.one_of(
 )
 
 
-def nearest_distances(points: FloatArray, path: FloatArray) -> FloatArray:
-    """The compiled search: (N,) distances from points to the closest segment of a path."""
-    return np.sqrt(nearest_squared(points, path))
+def compiled_measures(candidate: FloatArray, reference: FloatArray) -> PathMeasures:
+    """The compiled measures of two paths."""
+    return measure_paths(read_only(candidate), read_only(reference))
 
 
 def geometric(candidate: FloatArray, reference: FloatArray) -> tuple[float, ...]:
     """Its measures of paths; those at equal times are left out."""
-    m = measure_paths(candidate, reference)
+    m = compiled_measures(candidate, reference)
     return m.d_rms, m.d_haus, *m.lengths, *m.bendings, m.d_rms_symmetric, m.d_haus_symmetric
 
 
@@ -81,7 +81,7 @@ def yaw_rms(candidate: Trajectory, reference: Trajectory) -> float:
 
 
 def all_pairs(points: FloatArray, path: FloatArray) -> FloatArray:
-    """The slow obvious version of `nearest_distances`: every point against every segment."""
+    """The slow obvious version of `distances_to_path`: every point against every segment."""
     ends = path[1:] if len(path) > 1 else path
     starts = path[: len(ends)]
     steps = ends - starts
@@ -95,7 +95,7 @@ def all_pairs(points: FloatArray, path: FloatArray) -> FloatArray:
 def assert_searched_well(points: FloatArray, path: FloatArray) -> None:
     """The compiled search and the slow one differ by rounding alone, as seen from the path."""
     size = ROUNDOFF * max(1.0, float(np.abs(path).max()), float(np.abs(points).max()))
-    measured = nearest_distances(points, path)
+    measured = distances_to_path(points, path)
     np.testing.assert_allclose(measured, all_pairs(points, path), rtol=ROUNDOFF, atol=size)
 
 
@@ -158,7 +158,7 @@ def test_nearest_distances_are_those_of_the_search_over_all_pairs(
 ):
     assert_searched_well(points, path)
     # no segment is farther than its ends
-    assert np.all(nearest_distances(points, path) <= cKDTree(path).query(points)[0] + ROUNDOFF)
+    assert np.all(distances_to_path(points, path) <= cKDTree(path).query(points)[0] + ROUNDOFF)
 
 
 @quick
@@ -170,9 +170,9 @@ def test_a_distance_is_that_to_the_path_however_it_is_sampled(seed: int, finer: 
     fine = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
     points = path + np.random.default_rng(seed).normal(0.0, 0.05, path.shape)
     np.testing.assert_allclose(
-        nearest_distances(points, path), nearest_distances(points, fine), rtol=0.0, atol=ROUNDOFF
+        distances_to_path(points, path), distances_to_path(points, fine), rtol=0.0, atol=ROUNDOFF
     )
-    assert nearest_distances(fine, path).max() < ROUNDOFF
+    assert distances_to_path(fine, path).max() < ROUNDOFF
 
 
 def test_distance_is_evos_to_a_path_that_is_sampled_finely() -> None:
@@ -192,7 +192,7 @@ def test_distance_is_evos_to_a_path_that_is_sampled_finely() -> None:
     beside = trajectory(reference.t, fine[nearest])
     ape.process_data((evo_trajectory(reference), evo_trajectory(beside)))
     step = float(np.hypot(*np.diff(fine[:, :2], axis=0).T).max())
-    m = measure_paths(candidate.pose, reference.pose)
+    m = compiled_measures(candidate.pose, reference.pose)
     judged = (
         (m.d_rms, evo.StatisticsType.rmse),
         (m.d_haus, evo.StatisticsType.max),
@@ -214,7 +214,7 @@ def test_a_distance_is_smooth_where_the_path_moves(seed: int):
     reference = circle(3.0 + rng.uniform(0.002, 0.02), 10.0, 0.031)[20:-40]
     shifts = np.linspace(0.0, 0.038, 39)
     way = np.array([math.cos(rng.uniform(0.0, 6.3)), math.sin(rng.uniform(0.0, 6.3))])
-    sizes = [measure_paths(path + shift * way, reference).d_rms for shift in shifts]
+    sizes = [compiled_measures(path + shift * way, reference).d_rms for shift in shifts]
     # of a distance that is bent like the path itself, over a step of 1 mm
     assert np.abs(np.diff(sizes, 2)).max() < 0.001**2 / 0.0005
 
@@ -500,12 +500,15 @@ def test_rounding_of_stamps_costs_no_sample(samples: int, dt: float):
 
 def test_the_parts_are_those_of_the_whole() -> None:
     rng = np.random.default_rng(8)
-    reference = np.cumsum(rng.normal(0.01, 0.005, (400, 2)), axis=0)
-    for candidate in (
-        reference,
-        reference + 0.1,
-        np.cumsum(rng.normal(0.01, 0.02, (300, 2)), axis=0),
-        np.full((3, 2), np.nan),
+    reference = read_only(np.cumsum(rng.normal(0.01, 0.005, (400, 2)), axis=0))
+    for candidate in map(
+        read_only,
+        (
+            reference,
+            reference + 0.1,
+            np.cumsum(rng.normal(0.01, 0.02, (300, 2)), axis=0),
+            np.full((3, 2), np.nan),
+        ),
     ):
         whole = measure_paths(candidate, reference)
         if np.isnan(whole.d_rms):

@@ -32,8 +32,7 @@ from ssmr.parameters import pack_numbers
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, State
-from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
-from tests.ros_drive import distances_to_path
+from tests.conftest import EXACT, ROUNDOFF, SYMMETRY, distances_to_path
 from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.experiment.tracked import track_metrics

@@ -26,7 +26,7 @@ from ssmr.control.references import line
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import ControllerError
 from ssmr.types import State
-from tests.ros_drive import distances_to_path
+from tests.conftest import distances_to_path
 from tests.ros_fakes import FakeNode, RobotNode, message, odometry
 from tests.test_user_law import FAULTY, GOOD, written
 from validation import cli

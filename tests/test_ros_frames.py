@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import compose_poses, invert_pose, wrap_angle
-from tests.conftest import ROUNDOFF
-from tests.ros_drive import distances_to_path
+from tests.conftest import ROUNDOFF, distances_to_path
 from tests.ros_fakes import FakeNode, RobotNode, message
 from validation import cli
 from validation.experiment.gains import load_gains

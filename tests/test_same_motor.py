@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from ssmr.metrics.paths import nearest_squared
 from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.models.improved import ImprovedParameters
@@ -33,6 +32,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from tests.conftest import distances_to_path
 from tests.robots import HUSKY, husky
 from validation.engines.body import EngineMissingError
 from validation.engines.drake import DrakeBody
@@ -195,8 +195,8 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> floa
         mujoco.mj_step(model, data)
         path.append(data.qpos[:2].copy())
     shipped = MujocoPlant(section.parameters, drive)
-    return math.sqrt(
-        nearest_squared(shipped.run(commands, State(), shipped.dt).xy, np.array(path)).max()
+    return float(
+        distances_to_path(shipped.run(commands, State(), shipped.dt).xy, np.array(path)).max()
     )
 
 

@@ -19,7 +19,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings, run_loop
 from ssmr.control.mission import PythonController
 from ssmr.control.waypoints import Waypoints, step_lengths
 from ssmr.types import State
-from tests.ros_drive import distances_to_path
+from tests.conftest import distances_to_path
 from tests.test_peers import load_peers
 from validation.experiment.loops import (
     chosen_controller,

@@ -15,7 +15,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import tyro
 
 from ssmr.control.laws import LAWS
@@ -408,23 +407,26 @@ def _report_tuning(
                 f"{base.name}, with which the search began, fails the stability guard, "
                 "so it had to be left."
             )
-    if kept is not base and not o.from_scratch:
-        before_there, there = _mean_metres(
-            problem, judged, {"baseline": base, "tuned": kept}, threads
-        )
-        if not there <= before_there:
-            notes.append(
-                f"The gains that were found are refused: MuJoCo's robot is farther from path and "
-                f"target with them, {1e3 * there:.1f} mm for {1e3 * before_there:.1f}. "
-                f"{base.name} are kept."
-            )
-            kept = base
-    cost, point = (before, space.points(values)) if kept is base else (search.cost, search.best)
-    notes += bound_sentences(space, point)
     shipped = shipped_gains(base.controller, profile.name)
     sets = {"tuned": kept, "baseline": base}
     if shipped is not None and shipped.values != base.values:
         sets["shipped"] = shipped
+    there = {case.label: problem.rated(case, sets, threads) for case in judged}
+    if kept is not base and not o.from_scratch:
+        now, then = (
+            _mean_metres([runs[name] for runs in there.values()]) for name in ("tuned", "baseline")
+        )
+        if not now <= then:
+            notes.append(
+                f"The gains that were found are refused: MuJoCo's robot is farther from path and "
+                f"target with them, {1e3 * now:.1f} mm for {1e3 * then:.1f}. "
+                f"{base.name} are kept."
+            )
+            sets["tuned"] = kept = base
+            for runs in there.values():
+                runs["tuned"] = runs["baseline"]
+    cost, point = (before, space.points(values)) if kept is base else (search.cost, search.best)
+    notes += bound_sentences(space, point)
     source = ",".join(dict.fromkeys(case.reference for case in problem.cases))
     profile_name = with_robot(profile.name, profile.robot.name)
     return Tuned(
@@ -448,21 +450,17 @@ def _report_tuning(
         shipped_cost=math.nan if shipped is None else problem.cost_of(shipped, threads),
         train={case.label: problem.rated(case, sets, threads) for case in problem.cases},
         held_out={case.label: problem.rated(case, sets, threads) for case in held_out},
-        judged={case.label: problem.rated(case, sets, threads) for case in judged},
+        judged=there,
     )
 
 
-def _mean_metres(
-    problem: TuneProblem, cases: Sequence[TuneCase], sets: Mapping[str, GainSet], threads: int
-) -> list[float]:
-    """Return the mean metres of each set of gains over some cases; infinite for a lost robot."""
-    means = np.zeros(len(sets))
-    for case in cases:
-        runs = problem.rated(case, sets, threads).values()
-        for k, r in enumerate(runs):
-            metres = r.metrics["d_rms_m"] + TARGET_SHARE * r.metrics["sync_rms_m"]
-            means[k] += math.inf if r.run.lost else metres / len(cases)
-    return means.tolist()
+def _mean_metres(runs: Sequence[Followed]) -> float:
+    """Return the mean metres of some drives; infinite for a lost robot."""
+    metres = 0.0
+    for each in runs:
+        far = each.metrics["d_rms_m"] + TARGET_SHARE * each.metrics["sync_rms_m"]
+        metres += math.inf if each.run.lost else far
+    return metres / max(len(runs), 1)
 
 
 if __name__ == "__main__":

@@ -171,6 +171,8 @@ def _small_jumps(e: Agreement, names: Blamed) -> Iterator[Idea]:
 # ------------------------------------------------------------------------------- tells nothing
 _TOUCHED = 0.01
 """Share of a window from which it is one of those in which a column is stuck [1]."""
+_ROUNDS = 8
+"""Rounds in which others tell what lies beyond a bound, and what does not tells their factors."""
 
 
 def _stuck_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
@@ -185,13 +187,16 @@ def _stuck_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
         changed = {}
         for name, basis in bases.items():
             mean = e.means[name]
-            told = basis @ fit_factors(basis, np.where(at[name], math.nan, mean))
-            # what would be beyond a bound is explained, whatever it is
-            beyond = (kind == "frozen") | (told * np.sign(mean) > 0.95 * np.abs(mean))
-            changed[name] = np.where(at[name] & beyond, told, mean)
+            stuck = at[name]
+            for _ in range(_ROUNDS):
+                told = basis @ fit_factors(basis, np.where(stuck, math.nan, mean))
+                # what would be beyond a bound is explained, whatever it is; below, it is not stuck
+                stuck = at[name] & ((kind == "frozen") | (told * np.sign(mean) > np.abs(mean)))
+            changed[name] = np.where(stuck, told, mean)
         if changed and np.mean([*at.values()]) > 0.03:
             words = f"{join_names(names, 'keep')} a value, though the others vary: {kind}"
-            yield Idea(kind, names, words, e.but(changed), 2.0)
+            freedom = 1.0 + len(names)
+            yield Idea(kind, names, words, e.but(changed), freedom)
 
 
 _GROUND = 1.0 / 3.0

@@ -286,6 +286,10 @@ INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
             **{n: c[n].clip(*0.5 * np.ptp(c[n]) * np.array([-0.5, 0.5])) for n in WHEELS},
         },
     ),
+    "wheels clipped in most of the log": (
+        "clipped",
+        lambda c: {**c, **{n: c[n].clip(*0.15 * np.ptp(c[n]) * np.array([-1, 1])) for n in WHEELS}},
+    ),
     "a gyro behind a filter": ("smoothed", low_passed),
     "a side that is late": (
         "clock",
@@ -324,6 +328,23 @@ def test_a_fault_has_its_kind_and_its_numbers(name: str) -> None:
         assert found[0].from_s == pytest.approx(half, abs=3.0)
     if name == "a gear of 22":
         assert "a gear of about 20" in found[0].sentence
+
+
+@pytest.mark.parametrize("digits", [12, 4, 3])
+@pytest.mark.parametrize("name", ["husky", "sample", "warthog"])
+def test_a_pose_is_circular_however_noisy_its_rates_and_with_few_digits(
+    name: str, digits: int
+) -> None:
+    log = read_log(name).on_one_clock()
+    dt = np.diff(log.t, prepend=log.t[0])
+    left, right = (log.columns[side] for side in WHEELS)
+    for turn in (0.3 * (right - left), log.columns["gyro_z"]):
+        yaw = np.cumsum(turn * dt)
+        way = np.cumsum(0.08 * (left + right) * dt * np.exp(1j * yaw))
+        pose = {"x": way.real, "y": way.imag, "yaw": yaw}
+        rounded = {column: values.round(digits) for column, values in pose.items()}
+        found = Inspected(Log.of_columns("log.csv", {"t": log.t, **log.columns, **rounded})).faults
+        assert [fault.kind for fault in found] == ["circular"]
 
 
 def test_signals_that_agree_outvote_the_one_that_does_not() -> None:

@@ -15,7 +15,15 @@ from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray, IndexArray
 from validation.files.columns import POSE_COLUMNS, column_of, trust_in
 from validation.files.log import LogFault
-from validation.files.motion import ENCODERS, ODOMETRY, TWIST, NewPoses, Way, motion_by_sensor
+from validation.files.motion import (
+    ENCODERS,
+    ODOMETRY,
+    RATES,
+    TWIST,
+    NewPoses,
+    Way,
+    motion_by_sensor,
+)
 from validation.files.sensors import MOST_WINDOWS, Signals
 from validation.files.signals import TIME_ROUNDOFF
 
@@ -179,17 +187,24 @@ _Ways = Sequence[Way]
 def _possible_origins(signals: Signals) -> Iterator[tuple[tuple[str, ...], _Ways, _Ways]]:
     """Yield columns from which poses may follow, their sums for ways and those for turns.
 
-    They are the wheels and the odometry, each alone and with a gyro, and the commands.
+    They are the wheels and the odometry, each alone and with a gyro, and the commands. Each is
+    integrated by its means, and as most robots do it: a rate times the time since the one before.
     """
-    ways = signals.ways
+    summed = {
+        name: (group.t, np.cumsum(group.columns[name] * np.diff(group.t, prepend=group.t[0])))
+        for group in signals.log.groups.values()
+        for name in RATES
+        if name in group.columns
+    }
     for names in (ENCODERS, ODOMETRY, TWIST):
-        if not {*names} <= ways.keys():
-            continue
-        own = [ways[name] for name in names]
-        yield names, own, own
-        if "gyro_z" in ways and names != TWIST:
-            t, turned = ways["gyro_z"]
-            yield (*names, "gyro_z"), own, [(t, turned), (t, t)]
+        for ways in (signals.ways, summed):
+            if not {*names} <= ways.keys():
+                continue
+            own = [ways[name] for name in names]
+            yield names, own, own
+            if "gyro_z" in ways and names != TWIST:
+                t, turned = ways["gyro_z"]
+                yield (*names, "gyro_z"), own, [(t, turned), (t, t)]
 
 
 def _window_errors(
@@ -308,9 +323,10 @@ def _has_no_noise(poses: NewPoses, left: tuple[float, float]) -> bool:
     steps = np.abs(np.diff(poses.pose, axis=0))
     rough = np.median(np.abs(np.diff(poses.pose, 3, axis=0)), axis=0) / 3.0
     least = [np.min(column[column > 0.0], initial=1.0) for column in steps.T]
-    quiet = np.all(rough < np.maximum(_QUIET, 0.6 * np.array(least)))
-    own = left[0] < _OWN * float(max(rough[:2])) and left[1] < _OWN * float(rough[2])
-    return bool(quiet or own)
+    quiet = rough < np.maximum(_QUIET, 0.6 * np.array(least))
+    ways = np.all(quiet[:2]) or left[0] < _OWN * float(max(rough[:2]))
+    turns = quiet[2] or left[1] < _OWN * float(rough[2])
+    return bool(ways and turns)
 
 
 FACTS = (circular, same_columns, set_points, degrees_of_latitude, frozen)

@@ -215,10 +215,10 @@ def averaged(c: Columns) -> Columns:
     return {**c, **{n: np.convolve(c[n], mean, mode="same") for n in ("x", "y", "yaw")}}
 
 
-def wrapped(c: Columns) -> Columns:
-    """A gyro that goes on at the other end of two thirds of its range."""
-    most = float(np.max(np.abs(c["gyro_z"]))) * 2.0 / 3.0
-    return {**c, "gyro_z": (c["gyro_z"] + most) % (2.0 * most) - most}
+def wrapped(c: Columns, name: str) -> Columns:
+    """A rate that goes on at the other end of two thirds of its range."""
+    most = float(np.max(np.abs(c[name]))) * 2.0 / 3.0
+    return {**c, name: (c[name] + most) % (2.0 * most) - most}
 
 
 def on_a_stone(c: Columns) -> Columns:
@@ -303,7 +303,8 @@ INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
         "clock",
         lambda c: {**c, "gyro_z": np.interp(1.03 * c["t"], c["t"], c["gyro_z"])},
     ),
-    "a gyro that wraps": ("counter", wrapped),
+    "a gyro that wraps": ("counter", lambda c: wrapped(c, "gyro_z")),
+    "wheels that wrap": ("counter", lambda c: wrapped(wrapped(c, "enc_left"), "enc_right")),
     "a gyro that is held": (
         "frozen",
         lambda c: {
@@ -328,6 +329,8 @@ def test_a_fault_has_its_kind_and_its_numbers(name: str) -> None:
         assert found[0].from_s == pytest.approx(half, abs=3.0)
     if name == "a gear of 22":
         assert "a gear of about 20" in found[0].sentence
+    if name == "a side that is late":
+        assert "enc_left tells of motions 0.6 s after" in found[0].sentence
 
 
 @pytest.mark.parametrize("digits", [12, 4, 3])

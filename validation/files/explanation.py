@@ -75,8 +75,10 @@ def _without_spikes(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None
 def _unwrap_rates(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
     """Rates that go on at the other end of their range."""
     period = float(np.ptp(values))
-    n = np.count_nonzero(np.abs(np.diff(values)) > 0.8 * period)
-    way = t, integrate_rates(t, np.unwrap(values, period=period or 1.0))
+    n = np.count_nonzero(np.abs(np.diff(values)) > 0.5 * period)
+    beyond = np.unwrap(values, period=period or 1.0) - values
+    # most samples are within the range, though the first one may not be
+    way = t, integrate_rates(t, values + beyond - np.median(beyond))
     words = f"at the other end of its range of {period:.3g} {n} times: a counter wraps"
     return (way, words) if n >= 3 else None
 
@@ -125,7 +127,8 @@ def _other_readings(e: Agreement, names: Blamed) -> Iterator[Idea]:
         if not ways or (kind == "positions" and len(ways) < len(names)):
             continue
         late = 0.0
-        if kind == "positions":
+        if kind in ("positions", "counter"):
+            # the delay of the group was that of other readings
             (late,), (sure,) = find_delays(e, ways, [0])
             if not sure > _FOLLOWS:
                 continue

@@ -472,18 +472,25 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     whole = find_delays(e, ways, [0])[0]
     longest = OF_SPAN * float(np.ptp(t))
     known = (sure > _SURE) & (np.abs(late) < longest / parts)
-    lags = [*whole[np.abs(whole) < longest], *late[known][:1], *late[known][-1:]]
-    for lag in {*np.round(lags, 1).tolist()}:
-        off = lag if others else taken + lag
+    lags = [*late[known][:1], *late[known][-1:], *whole[np.abs(whole) < longest]]
+    # the delay that is taken out of a group may be between those of its columns
+    mates_ways = {name: e.signals.ways[name] for name in others}
+    of_mates = find_delays(e, mates_ways, [0])[0] if others else np.zeros(1)
+    ahead = float(np.where(np.abs(of_mates) < longest, of_mates, 0.0)[0])
+    for lag in {round(float(lag), 1): float(lag) for lag in lags}.values():
+        off = lag - ahead if others else taken + lag
         if not abs(off) > least:
             continue
         blamed = names
-        if others and abs(taken + lag) < abs(taken):
+        if others and abs(taken + lag) < abs(taken + ahead):
             # of the two, that one is late that is later than the other sensors
-            blamed, off = others, -lag
+            blamed, off = others, -off
         words = say_late(blamed, off)
-        after = e.but(e.signals.windows.means_of(ways, group, lag))
-        yield Idea("clock", blamed, words, after, 2.0, True)
+        told = {
+            **e.signals.windows.means_of(mates_ways, group, ahead),
+            **e.signals.windows.means_of(ways, group, lag),
+        }
+        yield Idea("clock", blamed, words, e.but(told), 2.0, True)
     if np.count_nonzero(known) < max(5, parts // 2):
         return
     # by least absolute errors: one part may tell nonsense

@@ -115,7 +115,7 @@ def test_many_damaged_bags(kind: str, tmp_path: Path, capsys: pytest.CaptureFixt
 def test_metadata_that_doubles_itself_ends(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bags, "_SECONDS", 1.0)
+    monkeypatch.setattr(bags, "_SECONDS", 0.5)
     bag = write(tmp_path, "sqlite", circle(20))
     merges = "".join(f"b{k}: &b{k}\n  <<: [*b{k - 1}, *b{k - 1}]\n" for k in range(1, 40))
     metadata = bag / "metadata.yaml"
@@ -139,6 +139,7 @@ def test_a_bag_that_unpacks_to_gigabytes_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Zeros are 30 000 times as large as what zstd makes of them: a bag and a message."""
+    monkeypatch.setattr(bags, "_MEMORY", 1 << 30)
     (tmp_path / "unpacked").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "unpacked"))
     files = write(tmp_path, "sqlite file", circle(20), "files")

@@ -72,7 +72,7 @@ def test_what_would_hang_or_reach_out_is_refused(
     (folder / "link.obj").symlink_to(tmp_path / "m.obj")
     (folder / "outer.xml").write_text('<mujoco><include file="../inner.xml"/></mujoco>')
     (tmp_path / "inner.xml").write_text("<mujoco/>")
-    monkeypatch.setattr(foreign, "ALLOWANCE", (1.0, 2 << 30, 0))
+    monkeypatch.setattr(foreign, "ALLOWANCE", (0.5, 2 << 30, 0))
     robot = with_mjcf(folder, HOSTILE[name])
     began = processor_time()
     with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read") as refused:

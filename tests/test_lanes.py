@@ -108,8 +108,15 @@ def alone(models: list[PlanarModel], commands: Commands, starts: list[State]) ->
     return np.array([motion.pose for motion in measured])
 
 
-@pytest.mark.parametrize("special", DRIVES)
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    ("name", "special"),
+    [
+        # what a special drive adds to the loop knows nothing of the law
+        pytest.param(name, special, marks=[pytest.mark.slow] * (k > 0 and special == "special"))
+        for k, name in enumerate(KINDS)
+        for special in DRIVES
+    ],
+)
 def test_a_robot_in_a_lane_moves_as_it_does_alone(name: str, special: str) -> None:
     """Each robot has its own delay, ramp, half-track and law.
 

@@ -158,11 +158,16 @@ def without_the_dear(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(Picture, "draw", lambda *_: None)
 
 
+def keep_one_start(patch: pytest.MonkeyPatch) -> None:
+    """Let searches by least squares begin at one place."""
+    starts = {method: min(most, 1) for method, most in search.STARTS_OF.items()}
+    patch.setattr(search, "STARTS_OF", starts)
+
+
 @pytest.fixture
 def one_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches by least squares begin at one place: where they end is another test's question."""
-    starts = {method: min(most, 1) for method, most in search.STARTS_OF.items()}
-    monkeypatch.setattr(search, "STARTS_OF", starts)
+    keep_one_start(monkeypatch)
 
 
 def installed_plant(profile: Profile, name: str, settings: PhysicsSettings = SHIPPED) -> Plant:

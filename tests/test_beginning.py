@@ -93,6 +93,7 @@ def test_a_fast_log_tells_friction(tmp_path: Path) -> None:
     assert not [note for note in fast.notes() if "is held at" in note]
 
 
+@pytest.mark.usefixtures("one_start")
 def test_a_body_that_cannot_turn_as_the_robot_does_is_named(tmp_path: Path) -> None:
     """No body on four tyres turns more easily than its wheels would without skidding."""
     numbers = {"alpha_l": 0.95, "alpha_r": 0.95, "y_l": 0.21, "y_r": -0.21}

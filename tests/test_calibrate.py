@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from ssmr.types import FloatArray
-from tests.conftest import exit_status
+from tests.conftest import exit_status, keep_one_start
 from tests.test_objective import recorded
 from validation.calibrate import calibrate
 from validation.descriptions.loading import load_robot
@@ -94,7 +94,9 @@ def test_a_driver_of_one_plant_begins_within_the_bounds_of_another(log: Path) ->
 def true(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a calibration by that log."""
     folder = tmp_path_factory.mktemp("true")
-    calibrated(log, folder, "--robot", "husky", "--profile", "thesis-lab", "--trust")
+    with pytest.MonkeyPatch.context() as patch:
+        keep_one_start(patch)
+        calibrated(log, folder, "--robot", "husky", "--profile", "thesis-lab", "--trust")
     return folder
 
 

@@ -16,6 +16,8 @@ from validation.files.log import Log
 from validation.plants.planar import _model_of
 from validation.plants.searchable import with_values
 
+pytestmark = pytest.mark.usefixtures("one_start")
+
 
 def drive_steps(path: Path, driver: dict[str, float], seed: int, rows: int = 1800) -> Path:
     """Write rows at 20 Hz of a robot with this driver, whose commands are held for 1 to 3 s.

@@ -226,12 +226,13 @@ class Agreement:
         alike = correlation(x, y)
         related = alike > _RELATED
         costs = weights = np.ones(len(x))
+        step_x, step_y = np.abs(np.gradient([x, y], self.period, axis=1))
         for _ in range(_ROUNDS):
             possible = min(max(factor, low), high)
             fitted = factor if related else possible
             z = x - c - fitted * y
             size = np.maximum(np.abs(x), np.abs(fitted * y))
-            step = np.max(np.abs(np.gradient([x, fitted * y], self.period, axis=1)), axis=0)
+            step = np.maximum(step_x, abs(fitted) * step_y)
             floor = _FLOOR * _ranked(size, 0.9) + _STANDS[what]
             variance = floor**2 + noise**2 + (share * size) ** 2 + (late * step) ** 2
             costs = np.log1p(z**2 / variance)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 
 from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
-from tests.conftest import data_folder, processor_time
+from tests.conftest import data_folder, exit_status, processor_time
 from validation.compare import compare
 from validation.files import motion
 from validation.files.columns import COMMAND_COLUMNS, POSE_COLUMNS
@@ -23,7 +25,7 @@ from validation.files.inspection import AFTER_COMMAND_S, Inspected
 from validation.files.log import Log
 from validation.files.motion import JUMP_M, JUMP_RAD
 from validation.fit import fit
-from validation.recordings import info
+from validation.recordings import PROGRAM, info
 
 DT = 0.05
 SPEEDS = {"m/s": 1.0, "km/h": 3.6, "ft/s": 1.0 / 0.3048, "mm/s": 1e3, "m/min": 60.0}
@@ -472,6 +474,71 @@ def test_two_signals_that_contradict_each_other_are_both_named() -> None:
     columns = {n: a for n, a in drive().items() if n in ("t", *WHEELS, *POSE_COLUMNS)}
     (measured,) = faults_of(swapped(*WHEELS)(columns)).faults
     assert {*WHEELS, "yaw"} <= set(measured.columns)
+
+
+def follow_advice(columns: dict[str, FloatArray], path: Path) -> tuple[str, list[str]]:
+    """Return what is said of a log, and the kinds that are left once its options were pasted."""
+    write_csv(columns, path)
+    paste: list[str] = []
+    said = []
+    for _ in range(2):
+        out = path.with_name(f"{len(said)}.json")
+        given = ["info", str(path), *paste, "--robot", "husky", "--json", str(out)]
+        assert exit_status(PROGRAM, *given) == 0
+        faults = json.loads(out.read_text())["faults"]
+        said.append(" ".join(fault["sentence"] for fault in faults))
+        paste = " ".join(re.findall(r"--columns \S+|--ticks-per-turn [0-9.]+", said[0])).split()
+    assert paste, said
+    return said[0], [fault["kind"] for fault in faults]
+
+
+@pytest.mark.parametrize("unit", ["rpm", "deg/s", "m/s"])
+def test_a_unit_between_two_figures_is_named_with_options_that_cure_it(
+    unit: str, tmp_path: Path
+) -> None:
+    """The turn that wheels tell is uncertain; a unit between it and the way is the one."""
+    size = {"rpm": 30.0 / np.pi, "deg/s": 180.0 / np.pi, "m/s": EkfSettings.radius}[unit]
+    said, left = follow_advice(scaled(size, *WHEELS)(drive()), tmp_path / "log.csv")
+    assert f"enc_left=enc_left:{unit}" in said
+    assert left == []
+
+
+@pytest.mark.parametrize("ticks", [600, 4096])
+@pytest.mark.parametrize("wraps", [False, True])
+def test_counts_of_wheels_come_with_their_number_in_a_turn(
+    ticks: int, wraps: bool, tmp_path: Path
+) -> None:
+    columns = drive()
+    counts = {n: np.cumsum(columns[n]) * DT * ticks / (2.0 * np.pi) for n in WHEELS}
+    if wraps:
+        counts = {n: (a + 500.0) % 8192.0 for n, a in counts.items()}
+    said, left = follow_advice({**columns, **counts}, tmp_path / "log.csv")
+    found = re.search(r"--ticks-per-turn ([0-9.]+)", said)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(ticks, rel=0.02)
+    assert left == []
+
+
+@pytest.mark.parametrize("seconds", [0.6, 1.2, 1.7])
+def test_commands_do_not_follow_what_they_cause(seconds: float) -> None:
+    faults = faults_of(delayed(seconds, "cmd_v", "cmd_w")(drive())).faults
+    assert [fault.kind for fault in faults] == ["clock"]
+    assert {*faults[0].columns} == {"cmd_v", "cmd_w"}
+
+
+@pytest.mark.parametrize("step", [0.1, 0.2])
+def test_stamps_that_were_rounded_are_refused_with_a_command_that_works(
+    step: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    columns = drive()
+    path = tmp_path / "log.csv"
+    table = pandas.DataFrame({**columns, "t": np.floor(columns["t"] / step + 1e-9) * step})
+    table.to_csv(path, index=False)
+    assert exit_status(PROGRAM, "info", str(path)) == 2
+    found = re.search(r"awk [^>]* > part.csv", " ".join(capfd.readouterr().err.split()))
+    assert found is not None
+    subprocess.run(found[0], shell=True, check=True, cwd=tmp_path)
+    assert Inspected(read_log(tmp_path / "part.csv")).faults == ()
 
 
 def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(

@@ -23,7 +23,7 @@ from ssmr.types import FloatArray
 from validation.files.columns import column_of
 from validation.files.motion import ENCODERS, STOCK, motion_by_sensor
 from validation.files.sensors import Means, Signals
-from validation.files.signals import correlation
+from validation.files.signals import correlation, sturdy_fit
 
 UNTOLD = 2.0
 """Cost of a window in which a signal tells nothing: a residual of 2.5 times the noise."""
@@ -194,10 +194,6 @@ class Agreement:
         return np.sum(np.nan_to_num(theirs) - ours, axis=0)
 
     # -----------------------------------------------------------------------------------------
-    def _noise(self, sensor: str, what: str) -> float:
-        noise = self.signals.noise if sensor == "pose" else {}
-        return noise.get("yaw" if what == "turn" else "x", 0.0)
-
     def _compared(self, what: str, a: str, b: str, told: Mapping[str, FloatArray]) -> SignalPair:
         one, other = (_BOUNDS[what][each] for each in (a, b))
         columns = frozenset({*one.columns, *other.columns})
@@ -214,10 +210,12 @@ class Agreement:
         high = usual * math.exp(math.hypot(_reach(one)[1], _reach(other)[0]))
         both = np.isfinite(told[a]) & np.isfinite(told[b])
         cost = np.full(len(both), math.nan)
-        if np.count_nonzero(both) < 10:
-            return SignalPair(what, a, b, columns, 1.0, cost)
         x, y = told[a][both], told[b][both]
-        noise = math.hypot(self._noise(a, what), self._noise(b, what))
+        if len(x) < 10:
+            return SignalPair(what, a, b, columns, 1.0, cost)
+        noise = 0.0
+        if "pose" in (a, b):
+            noise = self.signals.noise.get("yaw" if what == "turn" else "x", 0.0)
         share = math.hypot(one.share, other.share)
         late = max(one.late, other.late)
         offset = max(one.offset, other.offset)
@@ -259,23 +257,18 @@ class Agreement:
         side = self.means["y"] * np.cos(heading) - self.means["x"] * np.sin(heading)
         cost = np.full(len(side), math.nan)
         known = np.isfinite(side) & np.isfinite(turn)
-        if np.count_nonzero(known) < 10:
-            return SignalPair("side", "pose", "pose", _SIDE, 1.0, cost)
         u, v, w = side[known], along[known], turn[known]
+        if len(u) < 10:
+            return SignalPair("side", "pose", "pose", _SIDE, 1.0, cost)
         design = np.column_stack([w, v])
         most = np.array([_LEVER_M, _MOUNT])
         size = np.hypot(u, v)
-        noise = self._noise("pose", "way")
+        noise = self.signals.noise.get("x", 0.0)
         floor = _FLOOR * _ranked(size, 0.9) + _STANDS["side"]
         variance = floor**2 + noise**2 + (0.12 * size) ** 2 + (_PIVOT_M * w) ** 2
-        weights = 1.0 / variance
-        z = u
-        for _ in range(_ROUNDS):
-            weighted = design * weights[:, None]
-            square = weighted.T @ design + np.diag([1e-3, 1e-3]) * np.sum(weights) * 1e-3
-            best = np.clip(np.linalg.solve(square, weighted.T @ u), -most, most)
-            z = u - design @ best
-            weights = 1.0 / (variance + z**2)
+        scale = np.sqrt(variance)
+        best = sturdy_fit(design / scale[:, None], u / scale)
+        z = u - design @ np.clip(best, -most, most)
         cost[known] = np.log1p(z**2 / variance)
         return SignalPair("side", "pose", "pose", _SIDE, 1.0, cost)
 

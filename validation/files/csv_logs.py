@@ -173,7 +173,7 @@ def _of_columns(
     if late is not None:
         row, what = late
         if table.header_line and "must increase" in what:
-            what += part_rows(table)
+            what += part_rows(table, stamps)
         raise FileError(path, what, int(lines[row]), "t")
     return Log.of_columns(path, columns, limits)
 

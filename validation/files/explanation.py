@@ -32,6 +32,7 @@ from validation.files.hypotheses import (
     join_names,
     list_bases,
     list_sensors,
+    offer_unit,
 )
 from validation.files.log import LogFault
 from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST, Way
@@ -86,13 +87,10 @@ def _unwrap_rates(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
 def _positions_as_rates(t: FloatArray, values: FloatArray) -> tuple[Way, str] | None:
     """Positions, which add up."""
     span = float(np.ptp(values))
-    if span <= 0.0 or np.percentile(np.abs(np.diff(values)), 90.0) > 0.05 * span:
+    if np.percentile(np.abs(np.diff(values)), 90.0) >= 0.05 * span:
         return None
     wraps = np.count_nonzero(np.abs(np.diff(values)) > 0.5 * span)
-    words = (
-        "a position, which adds up, and not a rate: its slope tells the motion; --columns "
-        "enc_left=NAME:rad (or :turns, :deg, :ticks) takes those of wheels"
-    )
+    words = "a position, which adds up, and not a rate: its slope tells the motion"
     words += "; it wraps, and is then counted on" * bool(wraps)
     return (t, np.unwrap(values, period=span)), words
 
@@ -126,6 +124,7 @@ def _other_readings(e: Agreement, names: Blamed) -> Iterator[Idea]:
         said = [each[1] for each in found.values() if each is not None]
         if not ways or (kind == "positions" and len(ways) < len(names)):
             continue
+        words = f"{' and '.join(ways)}: {said[0]}"
         late = 0.0
         if kind in ("positions", "counter"):
             # the delay of the group was that of other readings
@@ -133,12 +132,21 @@ def _other_readings(e: Agreement, names: Blamed) -> Iterator[Idea]:
             if not sure > _FOLLOWS:
                 continue
         changed = dict(e.signals.windows.means_of(ways, column_of(names[0]).group, late))
-        for name, values in changed.items():
-            basis = e.basis_of(name)
-            if kind == "positions" and basis is not None:  # in whatever unit they are
-                usual = 1.0 / STOCK.radius if name in ENCODERS else 1.0
-                changed[name] = values * usual / (float(fit_factors(basis, values)[0]) or 1.0)
-        words = f"{' and '.join(ways)}: {said[0]}"
+        if kind == "positions":
+            # in whatever unit they are
+            wheel = e.signals.radius or STOCK.radius
+            ticks = []
+            for name, basis in list_bases(e, names).items():
+                slope = float(fit_factors(basis, changed[name])[0]) or 1.0
+                changed[name] = changed[name] / (slope * (wheel if name in ENCODERS else 1.0))
+                ticks.append(math.tau * wheel * abs(slope))
+            size = np.mean(ticks)
+            turn = (
+                f" --ticks-per-turn {float(f'{size:.3g}'):g} (the sides differ by "
+                f"{np.ptp(ticks) / size:.1%}; for wheels of {wheel:.3g} m that do not slip; "
+                "6.28 is that of :rad, 360 of :deg)"
+            )
+            words += offer_unit(e, names, "ticks", turn) if names == ENCODERS else ""
         kind_said = "counter" if "wraps" in said[0] else kind
         yield Idea(kind_said, (*ways,), words, e.but(changed), 2.0)
 
@@ -149,12 +157,13 @@ _OUTSTANDS = 12.0
 
 def _small_jumps(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Steps of the pose that no wheel made, too small to be jumps of any log."""
+    from scipy import ndimage  # here: it takes a tenth of a second to import
+
     poses = e.signals.poses
     if poses is None or len(poses.t) < 40:
         return
     steps = np.diff(poses.pose[:, :2], axis=0)
-    near = sliding_window_view(np.pad(steps, ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
-    off = steps - np.median(near, axis=-1)
+    off = steps - ndimage.median_filter(steps, (5, 1), mode="nearest")
     size = np.hypot(*off.T)
     at = size > max(_OUTSTANDS * float(np.median(size)), 0.03)
     if e.signals.jumps is not None:
@@ -508,15 +517,13 @@ def _sizes_of_part(e: Agreement, inside: IndexArray) -> tuple[float | None, ...]
     v = speeds["pose"][inside]
     w = turns.get("imu", turns["pose"])[inside]
     left, right = e.signals.wheels[:, inside]
-    zero = np.zeros(len(v))
-    # r_l l + b w = v, and r_r r - b w = v
-    rows = np.concatenate([np.column_stack([left, zero, w]), np.column_stack([zero, right, -w])])
     if np.sqrt(np.mean(v**2)) < _DRIVES:
         return None, None, None
-    turns_enough = float(np.mean(np.abs(w))) > _TURNS
-    known = rows if turns_enough else rows[:, :2]
-    sizes = np.linalg.lstsq(known, np.concatenate([v, v]))[0].tolist()
-    return sizes[0], sizes[1], sizes[2] if turns_enough else None
+    # r_l l + b w = v, and r_r r - b w = v
+    rows = np.block([[left, 0.0 * v], [0.0 * v, right], [w, -w]])
+    known = rows if np.mean(np.abs(w)) > _TURNS else rows[:2]
+    sizes = np.linalg.lstsq(known.T, np.tile(v, 2))[0].tolist()
+    return (*sizes, None)[:3]
 
 
 def _late_headings(e: Agreement, edges: FloatArray) -> list[float | None]:

@@ -7,6 +7,7 @@ the other sensors tell of that signal, and the judge of `explanation` sees how w
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, permutations
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from ssmr.types import FloatArray
 from validation.files.agreement import Agreement, columns_of, is_ordinary
 from validation.files.columns import POSE_COLUMNS, UNITS, column_of
 from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST, Way
+from validation.files.names import as_option
 from validation.files.sensors import FEWEST_WINDOWS, LONGEST_S, OF_SPAN
 from validation.files.signals import explain_share, find_peak, sturdy_fit
 
@@ -95,9 +97,10 @@ def _list_swaps() -> Iterator[tuple[str, Blamed, str, _Sources, float | None]]:
 
     negative = "to have the wrong sign"
     for names in SUBJECTS:
-        if names[0] not in POSE_COLUMNS or names == ("yaw",):
-            clockwise = ": it turns clockwise, as a compass" * (names == ("yaw",))
-            yield "sign", names, f"{negative}{clockwise}", signed(*names), 0.0
+        if names[0] not in POSE_COLUMNS:
+            yield "sign", names, negative, signed(*names), 0.0
+    clockwise = "to turn clockwise, as a compass"
+    yield "sign", ("yaw",), clockwise, signed("yaw"), 0.0
     backwards = "to be half a turn apart: the robot drives backwards"
     yield "sign", POSE_COLUMNS, backwards, signed(*PLACE), 0.0
     for a, b in (ENCODERS, PLACE, TWIST, ODOMETRY):
@@ -116,7 +119,7 @@ def _list_swaps() -> Iterator[tuple[str, Blamed, str, _Sources, float | None]]:
         words = f"{negative}: the frame is left-handed{down}"
         yield "handedness", names, words, signed(*names), 0.0
     for names in (("yaw",), ("yaw", *GYRO)):
-        yield "handedness", names, "to turn clockwise, as a compass", signed(*names), None
+        yield "handedness", names, clockwise, signed(*names), None
     quarter = 0.5 * math.pi
     for turn in (-quarter, quarter):
         yield "handedness", ("yaw",), "to be a quarter turn off", {"yaw": {"yaw": 1.0}}, turn
@@ -173,7 +176,7 @@ def _turned_path(e: Agreement, names: Blamed) -> Iterator[Idea]:
     angle = _path_angle(e, heading)
     if angle is not None and abs(math.remainder(angle, 0.5 * math.pi)) > _ANGLE:
         words = (
-            f"path and heading are {abs(math.degrees(math.remainder(angle, math.tau))):.0f} deg "
+            f"path and heading are {abs(math.degrees(angle)):.0f} deg "
             "apart: the localiser is mounted at an angle, or x, y and yaw are of different frames"
         )
         yield Idea("frame", names, words, e.but({"heading": heading + angle}), 2.0, True)
@@ -261,9 +264,7 @@ def _pair_factors(names: Blamed, e: Agreement) -> Iterator[tuple[str, float, str
         if sensor in (pair.a, pair.b) and {*names} <= pair.columns and pair.a != pair.b:
             first = sensor == pair.a
             factor = pair.factor if first else 1.0 / pair.factor
-            # the yaw is in no way
-            if names != ("yaw",) or pair.what == "turn":
-                yield pair.what, factor, pair.b if first else pair.a
+            yield pair.what, factor, pair.b if first else pair.a
 
 
 def _other_units(e: Agreement, names: Blamed) -> Iterator[Idea]:
@@ -276,15 +277,13 @@ def _other_units(e: Agreement, names: Blamed) -> Iterator[Idea]:
             heading = e.means["heading"] / factor
             changed["heading"] = heading
             changed["heading"] = heading + (_path_angle(e.but(changed), heading) or 0.0)
-        words = _words_of_unit(names, told, factor, e)
+        words = _words_of_unit(names, told, e)
         # wheels have any radius and any gear; of others, an odd factor is less likely
-        likely = names == ENCODERS or bool(_fitting_unit(names, factor, e.signals.radius))
+        likely = names == ENCODERS or bool(_fitting_unit(names, [factor], e.signals.radius))
         yield Idea("scale", names, words, e.but(changed), 2.0 if likely else 4.0, True)
 
 
-def _words_of_unit(
-    names: Blamed, told: Sequence[tuple[str, float, str]], factor: float, e: Agreement
-) -> str:
+def _words_of_unit(names: Blamed, told: Sequence[tuple[str, float, str]], e: Agreement) -> str:
     """Return words for the factor of columns, and for the unit that they may be in."""
     radius = e.signals.radius
     near = dict[str, tuple[float, str]]()
@@ -293,39 +292,50 @@ def _words_of_unit(
         near.setdefault(what, (f, join_names(columns_of(what, by), "say")))
     parts = [f"{f:.3g} times the {what} that {by}" for what, (f, by) in near.items()]
     words = f"{join_names(names, 'tell')} {', and '.join(parts)}"
-    factor = next(iter(near.values()))[0]
-    unit = _fitting_unit(names, factor, radius)
+    factors = [f for f, _ in near.values()]
+    factor = factors[-1]
+    unit = _fitting_unit(names, factors, radius)
     if unit:
-        return f"{words}: it seems to be in {unit}"
+        return f"{words}: it seems to be in {unit}{offer_unit(e, names, unit)}"
     if names == ("yaw",) and abs(math.log(2.0 * factor)) < 0.05:
         return f"{words}: is it half of the angle, as in a quaternion?"
     if names == ("gyro_z",) and 0.8 < factor < 1.25:
         return f"{words}: its scale is off"
     if names != ENCODERS:
         return f"{words}: is it in {'percent or ' * (names[0] in TWIST)}another unit?"
-    gears = sorted({float(f"{max(f, 1.0 / f):.1g}") for f, _ in near.values()})
-    gear = " to ".join(f"{gear:g}" for gear in gears)
+    gear = float(f"{max(factor, 1.0 / factor):.1g}")
     wheel = f"wheels of another radius than {radius or STOCK.radius:.3g} m"
     if "way" in near:
         wheel += f" (cured by a wheel_radius_multiplier of {1.0 / near['way'][0]:.3g})"
-    return f"{words}: ticks, a gear of about {gear}, or {wheel}?"
+    return f"{words}: ticks, a gear of about {gear:g}, or {wheel}?"
 
 
-def _fitting_unit(names: Blamed, factor: float, radius: float | None) -> str:
-    """Return the unit that a factor fits to its precision, as no other does; nothing for none."""
+def offer_unit(e: Agreement, names: Blamed, unit: str, ticks: str = "") -> str:
+    """Return the end of a sentence with the options that take columns of a table in a unit."""
+    option = shlex.quote(as_option({name: (name, unit) for name in names}))
+    return "" if e.signals.log.topics else f": --columns {option}{ticks}"
+
+
+def _fitting_unit(names: Blamed, factors: Sequence[float], radius: float | None) -> str:
+    """Return the unit that fits the last of some factors to its precision, as no other does.
+
+    Of several it is the one that lies between the factors. Nothing for none.
+    """
     precision = _PRECISIONS[names]
     base = column_of(names[0]).unit
     sizes = {unit: 1.0 / size for unit, (of, size) in UNITS.items() if of == base}
     if names == ENCODERS and radius is not None:
         sizes |= {unit: radius / size for unit, (of, size) in UNITS.items() if of == "m/s"}
         sizes["m/s"] = radius
-    elif names == ENCODERS or (radius is None and "x" in names and 0.1 <= factor <= 10.0):
+    elif names == ENCODERS or (radius is None and "x" in names and 0.1 <= factors[0] <= 10.0):
         return ""
     elif "x" in names and radius is None:
         precision = 0.3  # it is told by wheels of some size
-    away = sorted((abs(math.log(factor / size)), unit) for unit, size in sizes.items())
-    alone = len(away) < 2 or away[1][0] > 2.0 * precision
-    return away[0][1] if away and away[0][0] < precision and alone else ""
+    off = {unit: abs(math.log(factors[-1] / size)) for unit, size in sizes.items()}
+    near = [unit for unit in off if off[unit] < 2.0 * precision]
+    if len(near) > 1:
+        near = [unit for unit in near if min(factors) <= sizes[unit] <= max(factors)]
+    return near[0] if len(near) == 1 and off[near[0]] < precision else ""
 
 
 def _one_of_two(e: Agreement, names: Blamed) -> Iterator[Idea]:
@@ -336,7 +346,7 @@ def _one_of_two(e: Agreement, names: Blamed) -> Iterator[Idea]:
         ratio = sizes[name] / sizes[other]
         if not 0.3 < abs(math.log(ratio)) < 15.0:
             continue
-        unit = _fitting_unit(PLACE, float(f"{ratio:.1g}"), 1.0) if names == PLACE else ""
+        unit = _fitting_unit(PLACE, [float(f"{ratio:.1g}")], 1.0) if names == PLACE else ""
         words = (
             f"{name} tells some {float(f'{ratio:.2g}'):g} times the way that {other} says beside "
             f"the other signals: it is in {unit or 'another unit, or loses samples'}"
@@ -408,8 +418,9 @@ _LONG = 0.002
 """Share of a column that a delay must explain for each second that it is longer [1/s]."""
 TAKEN_OUT = 1.5
 """Delay of all columns of a sensor up to which it is taken out, and no fault [s]."""
-_LATE = 0.3
-"""Delay of some of them behind the others from which it is a fault [s]."""
+LATE = 0.3
+"""Delay of some of them behind the others, or of commands behind what they cause, from which it is
+a fault [s]."""
 _SURE = 0.8
 """Share of a column that others explain from which its delay is known [1]."""
 
@@ -465,7 +476,7 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     mates = e.signals.log.groups[group].columns
     others = tuple(name for name in mates if name in e.means and name not in names)
     taken = e.signals.windows.late[group]
-    least = _LATE if others else TAKEN_OUT
+    least = LATE if others else TAKEN_OUT
     parts = max(6, round(float(np.ptp(t)) / 20.0))
     starts = np.linspace(0, len(t), parts + 1).astype(int)[:-1]
     late, sure = find_delays(e, ways, starts.tolist())

@@ -92,8 +92,10 @@ def find_time_fault(t: FloatArray, limits: LogLimits, name: str = "") -> tuple[i
     if len(stays):
         turns = stays[steps[stays] < 0.0]
         k = int(np.append(turns, stays)[0])
-        what = f"time must increase, but {t[k + 1]:.16g} s follows {t[k]:.16g} s: "
-        what += f"{len(turns) or len(stays)} of {len(t)} rows "
+        what = (
+            f"time must increase, but {t[k + 1]:.16g} s follows {t[k]:.16g} s: "
+            f"{len(turns) or len(stays)} of {len(t)} rows "
+        )
         if len(turns):
             return k + 1, f"{what}go back, this one by {-steps[k]:.6g} s"
         lost = "; t has lost its fraction, as in whole seconds or 32 bits: write it in full"

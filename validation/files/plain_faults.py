@@ -41,9 +41,9 @@ def same_columns(e: Signals) -> Iterator[LogFault]:
 
 def set_points(e: Signals) -> Iterator[LogFault]:
     """Wheel rates that follow from the commands exactly, as set points do."""
-    wheels = e.log.groups.get("wheels")
-    commands = e.log.groups.get("cmd")
-    if wheels is None or commands is None or not e.log.has((*ENCODERS, *TWIST)):
+    wheels = e.log.group_of(ENCODERS)
+    commands = e.log.group_of(TWIST)
+    if wheels is None or commands is None:
         return
     now = np.searchsorted(commands.t, wheels.t, side="right") - 1
     rates = np.column_stack([wheels.columns[name] for name in ENCODERS])[now >= 0]
@@ -66,15 +66,12 @@ _FROZEN = 0.2
 localisers stall for less."""
 _STAYS = 1.5
 """Time for which a value stays the same, over the length of a window, from which it is kept [1]."""
-_TYPICAL = {"wheels": 1.89, "cmd": 2.3}
-"""Ratio of the turn that a sensor tells to the robot's, in most logs."""
 
 
 def frozen(e: Signals) -> Iterator[LogFault]:
     """Columns that keep their value for long while others say that the robot moves."""
     speeds, turns = motion_by_sensor(e.means)
-    told = [*speeds.items()]
-    told += [(sensor, turn / _TYPICAL.get(sensor, 1.0)) for sensor, turn in turns.items()]
+    told = [*speeds.items(), *turns.items()]
     kept_for = []
     for name, values in e.log.columns.items():
         own = column_of(name).group

@@ -182,8 +182,8 @@ class Signals:
             a = told.get("wheels", told.get("odom"))
             if a is not None and measured is not None:
                 # what hardly varies says nothing about its mean
-                varies = min(np.std(a), np.std(measured)) > 1e-4
-                if varies and np.std(a) > _VARIES * abs(np.mean(a)):
+                least = max(1e-4, _VARIES * abs(np.mean(a)))
+                if np.std(measured) > 1e-4 and np.std(a) > least:
                     alike.append(centred(np.abs(a), np.abs(measured)))
         return alike
 

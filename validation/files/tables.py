@@ -143,11 +143,12 @@ def read_rows(
     )
 
 
-def part_rows(table: CsvTable) -> str:
+def part_rows(table: CsvTable, stamps: str) -> str:
     """Return the end of a sentence on a file whose first column, its stamps, does not increase.
 
     It is a command that keeps rows whose stamps do: those with one word in a column that tells them
-    apart, or else those before time goes back. It is empty where there is none.
+    apart, or else those before time goes back, or the first of each stamp. It is empty where there
+    is none. The stamps are called so in the file.
     """
     import pandas
 
@@ -159,6 +160,10 @@ def part_rows(table: CsvTable) -> str:
     with opened(table.path) as file:
         layout = _find_layout(table.path, file)
         rows = [cells for _, cells in _read_lines(table.path, file, layout)]
+    if not keep and stamps in layout.header:
+        cell = f"${layout.header.index(stamps) + 1}"
+        keep = f"{cell} != last; {{last = {cell}}}"
+        says = "the first row of each stamp"
     for place, words in enumerate(zip(*rows, strict=True)):
         if _is_text(words[0]) and t.groupby([*words]).diff().min() > 0.0:
             keep = f'NR <= {layout.skipped} || ${place + 1} ~ "{words[0]}"'

@@ -182,7 +182,7 @@ class Signals:
             a = told.get("wheels", told.get("odom"))
             if a is not None and measured is not None:
                 # what hardly varies says nothing about its mean
-                least = max(1e-4, _VARIES * abs(np.mean(a)))
+                least = max(1e-4, _VARIES * abs(float(np.mean(a))))
                 if np.std(measured) > 1e-4 and np.std(a) > least:
                     alike.append(centred(np.abs(a), np.abs(measured)))
         return alike

@@ -137,7 +137,7 @@ def _other_readings(e: Agreement, names: Blamed) -> Iterator[Idea]:
             wheel = e.signals.radius or STOCK.radius
             ticks = []
             for name, basis in list_bases(e, names).items():
-                slope = float(fit_factors(basis, changed[name])[0]) or 1.0
+                slope = fit_factors(basis, changed[name])[0] or 1.0
                 changed[name] = changed[name] / (slope * (wheel if name in ENCODERS else 1.0))
                 ticks.append(math.tau * wheel * abs(slope))
             size = np.mean(ticks)

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import math
 import pickle
 import re
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -68,6 +70,21 @@ def test_a_comparison_in_python_pays_for_no_picture_and_no_recording() -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert not done.stdout.split()
+
+
+def test_a_program_imports_nothing_for_files_that_nobody_wants(tmp_path: Path) -> None:
+    program = (
+        "import sys; from validation.compare import compare; "
+        "sys.argv = ['compare', *'traj2 --plants linear --reference linear'.split(), '--no-rerun',"
+        f" '--no-picture', '--out', {str(tmp_path)!r}]; compare.main(); "
+        "print('loaded', *{'matplotlib', 'rerun', 'pandas', 'pyarrow'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "loaded"
+    assert [path.name for path in tmp_path.iterdir()] == ["compare.json"]
+    assert json.loads((tmp_path / "compare.json").read_text())["files"] == []
 
 
 def test_results_and_profiles_can_be_pickled() -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from io import BytesIO
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from ssmr.control.references import circle, line
@@ -180,6 +182,21 @@ def test_no_line_over_time_bridges_a_gap(result: Callable[[str], Any]) -> None:
             x, y = np.asarray(curve.get_xydata(), dtype=np.float64).T
             ends = np.flatnonzero(np.isclose(x[:-1], before.t[-1]) & np.isclose(x[1:], after.t[0]))
             assert not np.isfinite(y[ends]).any()
+
+
+def test_every_line_of_a_picture_is_drawn_once(
+    result: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = Counter[Line2D]()
+    draw = Line2D.draw
+
+    def count(self: Line2D, *its: Any) -> None:
+        drawn[self] += 1
+        draw(self, *its)
+
+    monkeypatch.setattr(Line2D, "draw", count)
+    panels = result("compare one plant").figure().axes
+    assert {drawn[curve] for ax in panels for curve in ax.lines} == {1}
 
 
 def test_no_setting_leaks_into_a_picture(result: Callable[[str], Any]) -> None:

@@ -104,6 +104,8 @@ class Filmed(Common):
     """Open the recording in the rerun viewer afterwards."""
     no_rerun: bool = False
     """Do not write the rerun recording (.rrd)."""
+    no_picture: bool = False
+    """Do not draw the picture (.png)."""
 
 
 class _Words(str):
@@ -213,7 +215,11 @@ def _finish_program(
     film = options if isinstance(options, Filmed) else None
     # tables first: pictures take longer than many a run
     report_result(report)
-    written = report.save(folder, recording=film is None or not film.no_rerun)
+    written = report.save(
+        folder,
+        recording=film is None or not film.no_rerun,
+        picture=film is None or not film.no_picture,
+    )
     if picture is not None or options.plain:
         drawn = picture or folder / f"{report.program}.png"
         report.save_picture(drawn, plain=options.plain)

@@ -260,6 +260,7 @@ def draw_page(
     """
     import matplotlib.style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     from validation.report.picture import STYLE, WORDS, Picture
 
@@ -273,7 +274,8 @@ def draw_page(
     heights = [_TITLE_IN + _LINE_IN * deep, *(row.height for row in rows)]
     with matplotlib.style.context(["default", STYLE]):
         tall = sum(heights) + below + _FOOT_IN
-        figure = Picture(figsize=(_WIDTH_IN, tall), dpi=_DPI, layout="constrained")
+        layout = ConstrainedLayoutEngine()
+        figure = Picture(figsize=(_WIDTH_IN, tall), dpi=_DPI, layout=layout)
         FigureCanvasAgg(figure)
         heights.append(below + _FOOT_IN)
         head, *parts, tail = figure.subfigures(
@@ -298,7 +300,7 @@ def draw_page(
             tail.text(edge, top, text, va="top", gid=WORDS, **look)
         y = 0.06 / heights[-1]
         tail.text(edge, y, foot, fontsize=8.5, color=QUIET, va="bottom", gid=WORDS)
-        figure.draw_without_rendering()
+        layout.execute(figure)
         # the layout's solver errs by rounding, and equal reports are to give equal pixels
         figure.set_layout_engine("none")
         for ax in figure.axes:

@@ -210,7 +210,9 @@ class Report:
             _log.warning("%s cannot be drawn (%s); the numbers are kept", name, why)
             return None
 
-    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
+    def save(
+        self, folder: str | Path, *, recording: bool = True, picture: bool = True
+    ) -> list[Path]:
         """Write its JSON file, which names the files that follow, and then these.
 
         Each is written whole or not at all. The numbers are there before anything is drawn, and a
@@ -219,6 +221,7 @@ class Report:
         Args:
             folder: where to; it is made if it is missing.
             recording: whether to write the rerun recording too.
+            picture: whether to write its picture too.
 
         Returns:
             The paths of the written files.
@@ -228,8 +231,9 @@ class Report:
         """
         place = output.make_folder(Path(folder))
         writers = self.files()
-        if not recording:
-            writers.pop(f"{self.program}.rrd", None)
+        for ending, wanted in (("rrd", recording), ("png", picture)):
+            if not wanted:
+                writers.pop(f"{self.program}.{ending}", None)
         document = place / f"{self.program}.json"
         output.write_json(document, {**self.as_dict(), "files": list(writers)})
         # drawing may take long or fail; the numbers are safe by now

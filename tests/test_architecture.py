@@ -558,8 +558,9 @@ counted, so that plain layout costs nothing."""
 OPTIONS = {"compare": 30, "fit": 38, "calibrate": 17, "track": 27, "tune": 29}
 """Options of each program's command line, its positional arguments among them.
 
-Each has `plain` for its picture, those that film robots `no_picture`, and those that read logs have four that say how. A fit has two for
-torques: their weight, and the constant that makes them of currents; one says what wheel rates are.
+Each has `plain` for its picture, those that film robots have `no_picture`, and those that read logs
+four that say how. A fit has two for torques: their weight, and the constant that makes them of
+currents; one says what wheel rates are.
 """
 MOST_FILES = 226
 MOST_WORDS_OF_README = 910

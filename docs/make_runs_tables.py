@@ -17,7 +17,6 @@ import numpy as np
 from scipy import stats
 
 from validation.calibrate import calibrate
-from validation.cli import read_result
 from validation.compare import compare
 from validation.descriptions.loading import load_robot
 from validation.fit import fit
@@ -39,7 +38,7 @@ LOGS = {
 """Names of logs on the page, in its order; each begins with its robot's."""
 PLANTS = ("kinematic", "four_wheel", "mujoco")
 OWN, OTHERS, ON, BOTH = FITS = ("own", "the others", "the others, and on", "both")
-"""Fits of the kinematic plant that each log's last third judges, which are folders of OUT too."""
+"""Fits of the kinematic plant that each log judges where they have not seen it; folders of OUT."""
 ADAPT_S = 30.0
 """Time between two sets of numbers where a fit goes on while the robot drives [s]."""
 Rows = Mapping[tuple[str, str], Mapping[str, Any]]
@@ -47,7 +46,7 @@ Rows = Mapping[tuple[str, str], Mapping[str, Any]]
 
 
 def calibrate_log(name: str, log: Path, profile: Profile, plants: Sequence[str], to: Path) -> None:
-    """Calibrate plants on the first two thirds of a log, and judge them on its last third."""
+    """Calibrate plants on a log, each third of which judges numbers from the other two."""
     folder = to / name
     if not (folder / "calibrate.json").is_file():
         calibrated = calibrate(str(log), profile=profile, plants=plants, trust=True)
@@ -56,7 +55,7 @@ def calibrate_log(name: str, log: Path, profile: Profile, plants: Sequence[str],
 
 
 def judge_others(name: str, logs: Mapping[str, Path], bare: Profile, out: Path) -> Profile:
-    """Fit the kinematic plant to a robot's other logs, and judge it on the last third of one.
+    """Fit the kinematic plant to a robot's other logs, and judge it on the one that is left.
 
     Returns the fitted profile; it is judged as it is, and going on while the robot drives.
     """
@@ -66,11 +65,8 @@ def judge_others(name: str, logs: Mapping[str, Path], bare: Profile, out: Path) 
     robot = bare.robot.name
     others = [str(log) for other, log in logs.items() if other.startswith(robot) and other != name]
     fitted = fit(PLANTS[0], others, profile=bare, input="wheels").profile
-    begin = read_result(out / OWN / name / "compare.json")["options"]["from"]
     for which, adapt in ((ON, ADAPT_S), (OTHERS, None)):
-        judged = compare(
-            str(logs[name]), fitted, PLANTS[:1], input="wheels", since=begin, adapt=adapt
-        )
+        judged = compare(str(logs[name]), fitted, PLANTS[:1], input="wheels", adapt=adapt)
         judged.save(out / which / name, recording=False)
     fitted.save(saved)
     return fitted
@@ -118,17 +114,15 @@ def error_lines(out: Path) -> Iterator[Sequence[str]]:
 
 
 def errors_by_fit(out: Path) -> dict[str, dict[str, list[float]]]:
-    """Return the errors of position [m] and, by its first judge, of yaw [rad] by fit and log."""
-    names = ("position_median_m", "yaw_median_rad", "yaw_gyro_median_rad")
-    keys = [f"horizons.6.overlapping.{name}" for name in names]
+    """Return the errors after 6 s of position [m] and of yaw [rad] by fit and log."""
     errors: dict[str, dict[str, list[float]]] = {}
     for fit_of in FITS:
-        rows = read_rows(out / fit_of, "compare", "heading_judge", *keys)
-        errors[fit_of] = {}
-        for log in LOGS:
-            row = rows[log, PLANTS[0]]
-            judge = keys[2] if row["heading_judge"] == "gyro" else keys[1]
-            errors[fit_of][log] = [row[keys[0]], row[judge]]
+        judged = ("compare", "horizons.6.overlapping")
+        if fit_of in (OWN, BOTH):
+            judged = ("calibrate", "after.6")
+        keys = [f"{judged[1]}.{name}" for name in ("position_median_m", "yaw_median_rad")]
+        rows = read_rows(out / fit_of, judged[0], *keys)
+        errors[fit_of] = {log: [rows[log, PLANTS[0]][key] for key in keys] for log in LOGS}
     return errors
 
 

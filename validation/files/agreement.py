@@ -140,7 +140,7 @@ class Agreement:
     @cached_property
     def told(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """The forward speeds and the yaw rates by sensor."""
-        speeds, turns = motion_by_sensor(self.means)
+        speeds, turns = motion_by_sensor(self.means, self.signals.windows.width)
         for told in (speeds, turns):
             if "cmd" in told:
                 told["cmd"] = np.where(self.commanded, told["cmd"], math.nan)

@@ -33,6 +33,8 @@ SENSORS = ("imu", "wheels", "odom", "pose", "cmd")
 """Groups that tell of motion; a gyro measures its yaw rate at once, and is the clock of others."""
 _TURNS = {"imu": "gyro_z", "odom": "odom_w", "pose": "yaw", "cmd": "cmd_w"}
 _SPEEDS = {"odom": "odom_v", "cmd": "cmd_v"}
+_HALF_TURN = 0.5 * np.pi
+"""Half of the greatest turn in a window whose chord tells its arc [rad]: a turn back has none."""
 Way = tuple[FloatArray, FloatArray]
 """(K,) stamps [s], and the way of a column since the first of them."""
 JUMP_M = 0.2
@@ -64,7 +66,7 @@ slides on."""
 
 # ------------------------------------------------------------------------------------------ rates
 def motion_by_sensor(
-    rates: Mapping[str, FloatArray],
+    rates: Mapping[str, FloatArray], window: float = 0.0
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Return the speeds [m/s] and the yaw rates [rad/s] that columns tell, by sensor.
 
@@ -73,6 +75,7 @@ def motion_by_sensor(
 
     Args:
         rates: (N,) rates by column, or rates of change of x, y and yaw.
+        window: time over which rates of change are means [s].
     """
     speeds = {sensor: rates[name] for sensor, name in _SPEEDS.items() if name in rates}
     turns = {sensor: rates[name] for sensor, name in _TURNS.items() if name in rates}
@@ -82,7 +85,10 @@ def motion_by_sensor(
         speeds["wheels"], turns["wheels"] = of_wheels
     if {*POSE_COLUMNS, "heading"} <= rates.keys():
         heading = rates["heading"]
-        speeds["pose"] = rates["x"] * np.cos(heading) + rates["y"] * np.sin(heading)
+        chord = rates["x"] * np.cos(heading) + rates["y"] * np.sin(heading)
+        # of a quick turn, the chord is shorter than the arc that wheels tell
+        half = np.clip(0.5 * window * rates["yaw"], -_HALF_TURN, _HALF_TURN)
+        speeds["pose"] = chord / np.sinc(half / np.pi)
     return speeds, turns
 
 

@@ -160,7 +160,7 @@ class Signals:
     @property
     def along(self) -> FloatArray | None:
         """(N,) speeds of the pose along its heading [m/s]."""
-        return motion_by_sensor(self.means)[0].get("pose")
+        return motion_by_sensor(self.means, self.windows.width)[0].get("pose")
 
     @property
     def wheels(self) -> FloatArray | None:

@@ -21,8 +21,8 @@ from ssmr.control.laws import (
     PREDICTOR,
     Controller,
     make_gains,
-    position_step,
-    velocity_step,
+    position_step_alone,
+    velocity_step_alone,
 )
 from ssmr.control.waypoints import Errors, Target
 from ssmr.models.linear import LinearParameters, state_space_matrices
@@ -137,7 +137,7 @@ def test_the_velocity_loop_is_the_printed_equations(
     g = replace(pid.PidGains(), ff_w=0.3)
     memory = Memory(*REST[:5], u_ref, w_ref)
     for v, w in signal:
-        memory, (u_cmd, w_cmd) = velocity_step(0, g.packed(A, B), memory, moving(v, w), 0.05)
+        memory, (u_cmd, w_cmd) = velocity_step_alone(0, g.packed(A, B), memory, moving(v, w), 0.05)
     e = np.array([u_ref, w_ref]) - np.array(signal)
     sums = 0.05 * e[:-1].sum(axis=0)
     scale = ROUNDOFF * (1.0 + np.abs(e).sum())
@@ -159,15 +159,15 @@ def test_left_and_right_are_alike(
     straight = REST
     turned = REST
     for _ in range(3):
-        straight = position_step(
+        straight = position_step_alone(
             c.number, packed(name), straight, Errors(*e), target(v_ref, w_ref), moving(v, w), DT
         )
         mirrored = Errors(e[0], -e[1], -e[2])
-        turned = position_step(
+        turned = position_step_alone(
             c.number, packed(name), turned, mirrored, target(v_ref, -w_ref), moving(v, -w), DT
         )
-        straight, one = velocity_step(c.number, packed(name), straight, moving(v, w), 0.05)
-        turned, other = velocity_step(c.number, packed(name), turned, moving(v, -w), 0.05)
+        straight, one = velocity_step_alone(c.number, packed(name), straight, moving(v, w), 0.05)
+        turned, other = velocity_step_alone(c.number, packed(name), turned, moving(v, -w), 0.05)
         # the solver leaves 1e-17 where a regulator's gains are zero
         assert np.allclose(one, [other.v, -other.w], rtol=ROUNDOFF, atol=ROUNDOFF)
 
@@ -175,8 +175,10 @@ def test_left_and_right_are_alike(
 @pytest.mark.parametrize("name", PLAIN_CONTROLLERS)
 def test_without_errors_and_at_rest_nothing_is_commanded(name: str) -> None:
     c = controller(name)
-    memory = position_step(c.number, packed(name), REST, NO_ERRORS, STILL, moving(0.0, 0.0), DT)
-    memory, command = velocity_step(c.number, packed(name), memory, moving(0.0, 0.0), 0.05)
+    memory = position_step_alone(
+        c.number, packed(name), REST, NO_ERRORS, STILL, moving(0.0, 0.0), DT
+    )
+    memory, command = velocity_step_alone(c.number, packed(name), memory, moving(0.0, 0.0), 0.05)
     assert command == Command(0.0, 0.0)
     assert memory == REST
 
@@ -209,7 +211,9 @@ def test_the_command_is_minus_k_times_the_state(
     integral = 0.05
     memory = REST._replace(i_rho=integral)
     moves = STILL._replace(v=0.5)  # where it stands, integrals are zero
-    after = position_step(1, row, memory, Errors(e_rho, e_y, e_alpha), moves, moving(v, w), DT)
+    after = position_step_alone(
+        1, row, memory, Errors(e_rho, e_y, e_alpha), moves, moving(v, w), DT
+    )
     state = np.array([-(e_rho + integral), v, -(0.7 * e_alpha + 0.4 * e_y), w])
     assert np.allclose(
         [after.u_ref, after.w_ref], -row[:8].reshape(2, 4) @ state, rtol=ROUNDOFF, atol=ROUNDOFF
@@ -223,11 +227,13 @@ def test_commands_are_saturated_and_the_integral_is_clamped(name: str) -> None:
     memory = REST
     g = c.packed()
     for _ in range(200):
-        memory = position_step(
+        memory = position_step_alone(
             c.number, g, memory, Errors(2.0, 1.0, 1.0), STILL, moving(0.0, 0.0), DT
         )
     assert (memory.u_ref, memory.w_ref) == (lqr.V_LIMIT, lqr.W_LIMIT)
-    once = position_step(c.number, g, REST, Errors(2.0, 1.0, 1.0), STILL, moving(0.0, 0.0), DT)
+    once = position_step_alone(
+        c.number, g, REST, Errors(2.0, 1.0, 1.0), STILL, moving(0.0, 0.0), DT
+    )
     assert memory.i_rho == once.i_rho
 
 
@@ -242,7 +248,7 @@ def applied(gains: FloatArray, v_ref: float) -> FloatArray:
 
     def answer(e: FloatArray) -> FloatArray:
         off = Errors(*map(float, e[[0, 2, 3]]))
-        after = position_step(
+        after = position_step_alone(
             SCHEDULED, gains, REST, off, target(v_ref, 0.0), moving(v_ref + e[1], float(e[4])), DT
         )
         return np.array([after.u_ref, after.w_ref])
@@ -292,7 +298,7 @@ def test_gains_change_with_speed_as_theory_says(one: float, other: float) -> Non
 
 @given(st.floats(0.0, 0.9), st.floats(-1.0, 1.0))
 def test_the_feedforward_holds_the_targets_twist(v_ref: float, w_ref: float) -> None:
-    after = position_step(
+    after = position_step_alone(
         SCHEDULED,
         packed("lqr-scheduled"),
         REST,

@@ -458,8 +458,9 @@ def _mean_metres(runs: Sequence[Followed]) -> float:
     """Return the mean metres of some drives; infinite for a lost robot."""
     metres = 0.0
     for each in runs:
-        far = each.metrics["d_rms_m"] + TARGET_SHARE * each.metrics["sync_rms_m"]
-        metres += math.inf if each.run.lost else far
+        metres += each.metrics["d_rms_m"] + TARGET_SHARE * each.metrics["sync_rms_m"]
+        if each.run.lost:
+            return math.inf
     return metres / max(len(runs), 1)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr._jit import jit
+from ssmr._jit import jit, jit_alone, python_source
 from ssmr.control import lqr, mpc, pid
 from ssmr.control.law import Command, Gains, Law, Matrix, Memory, Observation
 from ssmr.control.mission import PythonController
@@ -88,11 +88,11 @@ class Controller:
     ) -> Memory:
         """Return the memory after one step of the position loop, `dt` [s] after the last."""
         now = (memory, errors, target, seen, dt)
-        return position_step(self.number, self.packed(), *now)
+        return position_step_alone(self.number, self.packed(), *now)
 
     def velocity_step(self, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
         """Return memory and command after a step of the velocity loop, `dt` [s] after the last."""
-        return velocity_step(self.number, self.packed(), memory, seen, dt)
+        return velocity_step_alone(self.number, self.packed(), memory, seen, dt)
 
 
 AnyController = Controller | PythonController
@@ -173,6 +173,9 @@ velocity_step: Callable[..., tuple[Memory, Command]] = _choose_step(
     [law.velocity_step for law in _PLAIN.values()]
 )
 """Compiled `(law, row, memory, seen, dt)`, see `Law.velocity_step`."""
+# what Python calls is kept on disk
+position_step_alone = jit_alone(python_source(position_step))
+velocity_step_alone = jit_alone(python_source(velocity_step))
 
 
 def design_controller(

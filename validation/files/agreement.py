@@ -230,7 +230,7 @@ class Agreement:
             fitted = factor if related else possible
             z = x - c - fitted * y
             size = np.maximum(np.abs(x), np.abs(fitted * y))
-            step = np.maximum(step_x, abs(fitted) * step_y)
+            step = np.maximum(step_x, fitted * step_y)
             floor = _FLOOR * _ranked(size, 0.9) + _STANDS[what]
             variance = floor**2 + noise**2 + (share * size) ** 2 + (late * step) ** 2
             costs = np.log1p(z**2 / variance)

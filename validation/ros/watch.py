@@ -232,10 +232,9 @@ class Supervisor:
             return True
         self.contradictions += 1.0
         if self.contradictions == 1.0:
-            size = np.hypot.reduce(self._place.size)
             self.away = (
-                f"the pose jumped, or stayed behind, by {size:.2f} m: "
-                f"its speeds say {seen.v:.2f} m/s"
+                "the pose jumped, or stayed behind, by "
+                f"{np.hypot.reduce(self._place.size):.2f} m: its speeds say {seen.v:.2f} m/s"
             )
             if heading > place:
                 self.away = (

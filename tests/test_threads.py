@@ -30,7 +30,7 @@ def test_what_goes_wrong_in_a_thread_is_raised() -> None:
 def test_no_search_starts_a_threading_layer_of_numba() -> None:
     """The layer without OpenMP and TBB ends the process when two threads call it at once."""
     few: dict[str, Any] = {"profile": "thesis-lab", "population": 8, "generations": 1, "workers": 2}
-    fit("mujoco", to="traj4@improved", search="jde", **few)
+    fit("mujoco", to="traj4@improved", search="jde", free=("friction",), **few)
     tune("lqr", "line", **few)
     with pytest.raises(ValueError, match="not initialized"):
         numba.threading_layer()

@@ -257,9 +257,11 @@ class Calibrated(Report):
     def verdict(self) -> str:
         """Return which fits are better on data that they have not seen, and what judged them."""
         better = ", ".join(_fit_label(f) for f in self.fits if f.better)
-        worse = ", ".join(_fit_label(f) for f in self.fits if not f.better)
         words = [f"profile.toml has new numbers of {better}: better on unseen data."] * bool(better)
-        words += [f"It keeps the old numbers of {worse}: the fit is no better."] * bool(worse)
+        for f in self.fits:
+            if not f.better:
+                why = " ".join(f.worse) or "nothing judges it."
+                words.append(f"It keeps the old numbers of {_fit_label(f)}: {why}")
         words.append(f"That is a verdict on {self.judged_on}; what is written was fitted to all.")
         return " ".join(words)
 
@@ -466,7 +468,7 @@ def _judge_fits(o: Calibrate, done: Sequence[Fitted], folds: Sequence[verdict.Fo
     objections = verdict.list_objections(judged, driven, f.options["input"])
     at_bound = [p.name for p in f.parameters if p.at_bound and p.name in ESSENTIAL]
     if at_bound:
-        objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")
+        objections.append(f"{' and '.join(at_bound)} ended at a bound, so another cause is likely")
     band = None
     # a log that is held out judges, and nothing that is written comes from it
     if o.held_out is None:

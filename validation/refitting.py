@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -21,9 +22,11 @@ ESSENTIAL = (
 )
 """Sizes of a robot and the place of its localiser: at a bound they stand for something else."""
 _WIDER = {*ESSENTIAL, "drift", "position_late", "yaw_late"} - {"tracked_yaw"}
-"""Numbers whose bounds are widened once where they are hit."""
+"""Numbers whose bounds are widened where they are hit."""
 _WIDENED = 0.5
-"""Share of the bounds' width by which a bound that is hit is moved once [1]."""
+"""Share of the bounds' width by which a bound that is hit is moved [1]."""
+_WORTH = 0.98
+"""Cost over the cost before from which a bound that was moved is not moved again [1]."""
 _DRIVER = (
     *("command_radius", "command_half_track", "delay"),
     *("acceleration_v", "acceleration_w", "wheel_lag"),
@@ -81,7 +84,9 @@ def settings_to_go_on(
 
 
 def fit_widely(options: Fit) -> Fitted:
-    """Return a fit of what its data tell, within bounds that are moved once where one is hit.
+    """Return a fit of what its data tell, within bounds that are moved where one is hit.
+
+    They are moved again while that makes the fit better.
 
     Numbers of the driver that the data hardly determine are held, the least known first: of a sum
     that alone is known the other number then has it.
@@ -96,12 +101,15 @@ def fit_widely(options: Fit) -> Fitted:
         number = find_number(done.model, name, done.base.robot)
         value = number.text(number.read(done.plant))
         remarks.append(f"{name} is held at {value}: the commands hardly tell it.")
-    if wider := _widen_bounds(done):
-        options = replace(options, bounds={**cli.read_value(options.bounds), **wider})
+    moved = dict[str, tuple[float, float]]()
+    cost = math.inf
+    while (wider := _widen_bounds(done)) and done.course.cost < _WORTH * cost:
+        cost = done.course.cost
+        moved |= wider
+        options = replace(options, bounds={**cli.read_value(options.bounds), **moved})
         done = run_fit(options, lambda warning: None)
-        remarks.append(
-            f"{', '.join(wider)} hit a bound, which was moved once, and the fit repeated"
-        )
+    if moved:
+        remarks.append(f"{', '.join(moved)} hit a bound, which was moved, and the fit repeated")
     return replace(done, remarks=[*done.remarks, *remarks])
 
 

@@ -519,13 +519,6 @@ def test_counts_of_wheels_come_with_their_number_in_a_turn(
     assert left == []
 
 
-@pytest.mark.parametrize("seconds", [0.6, 1.2, 1.7])
-def test_commands_do_not_follow_what_they_cause(seconds: float) -> None:
-    faults = faults_of(delayed(seconds, "cmd_v", "cmd_w")(drive())).faults
-    assert [fault.kind for fault in faults] == ["clock"]
-    assert {*faults[0].columns} == {"cmd_v", "cmd_w"}
-
-
 @pytest.mark.parametrize("step", [0.1, 0.2])
 def test_stamps_that_were_rounded_are_refused_with_a_command_that_works(
     step: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]

@@ -418,9 +418,8 @@ _LONG = 0.002
 """Share of a column that a delay must explain for each second that it is longer [1/s]."""
 TAKEN_OUT = 1.5
 """Delay of all columns of a sensor up to which it is taken out, and no fault [s]."""
-LATE_APART = 0.3
-"""Delay of some of them behind the others, or of commands behind what they cause, from which it is
-a fault [s]."""
+_LATE = 0.3
+"""Delay of some of them behind the others from which it is a fault [s]."""
 _SURE = 0.8
 """Share of a column that others explain from which its delay is known [1]."""
 
@@ -476,7 +475,7 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     mates = e.signals.log.groups[group].columns
     others = tuple(name for name in mates if name in e.means and name not in names)
     taken = e.signals.windows.late[group]
-    least = LATE_APART if others else TAKEN_OUT
+    least = _LATE if others else TAKEN_OUT
     parts = max(6, round(float(np.ptp(t)) / 20.0))
     starts = np.linspace(0, len(t), parts + 1).astype(int)[:-1]
     late, sure = find_delays(e, ways, starts.tolist())

@@ -20,7 +20,7 @@ from ssmr.types import FloatArray
 from validation.files.columns import POSE_COLUMNS
 from validation.files.explanation import find_parts, judged
 from validation.files.formats import AnyLog, read_log
-from validation.files.hypotheses import LATE_APART, TAKEN_OUT, say_late
+from validation.files.hypotheses import TAKEN_OUT, say_late
 from validation.files.log import PLAIN, Group, Log, LogFault, ReadOptions
 from validation.files.motion import ENCODERS, TWIST
 from validation.files.offsets import Offset, estimate_offsets
@@ -133,8 +133,7 @@ def _list_faults(signals: Signals) -> Iterator[LogFault]:
     blamed = {*chain(*(fault.columns for fault in found))}
     for sensor, seconds in signals.windows.late.items():
         names = tuple(signals.log.groups[sensor].columns)
-        most = LATE_APART if sensor == "cmd" else TAKEN_OUT
-        if not -TAKEN_OUT <= seconds <= most and not blamed & {"t", *names}:
+        if abs(seconds) > TAKEN_OUT and not blamed & {"t", *names}:
             yield LogFault("clock", names, say_late(names, seconds))
     for fault in too_large(signals):
         if not blamed & {*fault.columns}:

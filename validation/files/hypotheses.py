@@ -334,7 +334,9 @@ def _fitting_unit(names: Blamed, factors: Sequence[float], radius: float | None)
     off = {unit: abs(math.log(factors[-1] / size)) for unit, size in sizes.items()}
     near = [unit for unit in off if off[unit] < 2.0 * precision]
     if len(near) > 1:
-        near = [unit for unit in near if min(factors) <= sizes[unit] <= max(factors)]
+        # to three digits, as factors are said
+        low, high = 0.995 * min(factors), 1.005 * max(factors)
+        near = [unit for unit in near if low <= sizes[unit] <= high]
     return near[0] if len(near) == 1 and off[near[0]] < precision else ""
 
 

@@ -274,7 +274,7 @@ def _unrelated_signals(e: Agreement, names: Blamed) -> Iterator[Idea]:
     nothing = e.but({name: np.full(n, math.nan) for name in own})
     after = replace(nothing, untold=0.6 * float(np.median(at_random)))
     kind = "swapped" if sensor == "imu" else "unrelated"
-    yield Idea(kind, names, words, after)
+    yield Idea(kind, names, words, after, parts=names == TWIST)
 
 
 _OF_SAMPLES: Sequence[Mistake] = (

@@ -219,11 +219,15 @@ _SLIPPED = 1.2
 
 def _slipping_wheels(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Wheels that turn while the robot stands, or stand while it moves."""
-    basis = e.basis_of(names[0])
-    if basis is None or "pose" not in e.told[0]:
+    if "pose" not in e.told[0]:
         return
+    every = {
+        name: basis @ fit_factors(basis, e.means[name])
+        for name, basis in list_bases(e, (*names, *TWIST)).items()
+        if name in e.means
+    }
     sides = np.array([e.means[name] for name in names])
-    told = np.array([basis @ fit_factors(basis, side) for side in sides])
+    told = np.array([every[name] for name in names])
     size = np.percentile(np.abs(sides), 80.0)
     most = np.maximum(0.35 * np.maximum(np.abs(sides), np.abs(told)), 0.25 * size)
     slips = np.abs(sides - told) > most
@@ -244,12 +248,11 @@ def _slipping_wheels(e: Agreement, names: Blamed) -> Iterator[Idea]:
         elif np.median(more.sum(axis=0)[where]) > 0.0:
             how = "in another way than its wheels turn: they slip"
         words = f"the robot moves in {100.0 * np.mean(where):.0f} % of the time {how}"
-        changed = {}
-        for name in (*blamed, *others):
-            basis = e.basis_of(name)
-            if name in e.means and basis is not None:
-                told_so = basis @ fit_factors(basis, e.means[name])
-                changed[name] = np.where(where, told_so, e.means[name])
+        changed = {
+            name: np.where(where, every[name], e.means[name])
+            for name in (*blamed, *others)
+            if name in every
+        }
         # each window costs as much as if nothing were told in it
         price = _SLIPPED * (1.0 + 0.75 * len(others))
         freedom = 3.0 + len(others) + price * np.count_nonzero(where) / math.log(len(where))

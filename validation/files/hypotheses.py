@@ -346,7 +346,7 @@ def _one_of_two(e: Agreement, names: Blamed) -> Iterator[Idea]:
     sizes = {name: 1e-9 + abs(fit_factors(basis, e.means[name])[0]) for name, basis in bases}
     for name, other in permutations(sizes):
         ratio = sizes[name] / sizes[other]
-        if not 0.3 < abs(math.log(ratio)) < 15.0:
+        if not 0.1 < abs(math.log(ratio)) < 15.0:
             continue
         unit = _fitting_unit(PLACE, [float(f"{ratio:.1g}")], 1.0) if names == PLACE else ""
         words = (
@@ -487,14 +487,13 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     lags = [*late[known][:1], *late[known][-1:], *whole[np.abs(whole) < longest]]
     # the delay that is taken out of a group may be between those of its columns
     mates_ways = {name: e.signals.ways[name] for name in others}
-    of_mates = find_delays(e, mates_ways, [0])[0] if others else np.zeros(1)
-    ahead = float(np.where(np.abs(of_mates) < longest, of_mates, 0.0)[0])
-    for lag in {round(float(lag), 1): float(lag) for lag in lags}.values():
-        off = lag - ahead if others else taken + lag
+    ahead = find_delays(e, mates_ways, [0])[0].item() if others else -taken
+    for lag in {round(lag, 1): lag for lag in np.array(lags).tolist()}.values():
+        off = lag - ahead
         if not abs(off) > least:
             continue
         blamed = names
-        if others and abs(taken + lag) < abs(taken + ahead):
+        if abs(taken + lag) < abs(taken + ahead):
             # of the two, that one is late that is later than the other sensors
             blamed, off = others, -off
         words = say_late(blamed, off)

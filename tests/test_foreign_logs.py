@@ -312,6 +312,11 @@ INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
             "gyro_z": c["gyro_z"][np.searchsorted(c["t"], np.floor(0.5 * c["t"]) / 0.5)],
         },
     ),
+    "commands of another driver from half on": (
+        "unrelated",
+        from_half_on(lambda c: {**c, **{n: c[n][::-1] for n in ("cmd_v", "cmd_w")}}),
+    ),
+    "a side that counts a fifth more": ("scale", lambda c: {**c, "enc_left": 1.2 * c["enc_left"]}),
     "a gear of 22": ("scale", lambda c: {**c, **{name: 22.0 * c[name] for name in WHEELS}}),
 }
 
@@ -327,6 +332,9 @@ def test_a_fault_has_its_kind_and_its_numbers(name: str) -> None:
     if name == "swapped from half on":
         half = log.t[len(log.t) // 2]
         assert found[0].from_s == pytest.approx(half, abs=3.0)
+    if name == "commands of another driver from half on":
+        # in the middle, those from the end are like these
+        assert found[0].from_s == pytest.approx(log.t[len(log.t) // 2], abs=5.0)
     if name == "a gear of 22":
         assert "a gear of about 20" in found[0].sentence
     if name == "a side that is late":

@@ -430,6 +430,12 @@ def test_degrees_that_turn_by_much_a_sample_are_named_as_such() -> None:
     ]
 
 
+def test_commands_on_grass_come_before_the_motion_that_follows_them_slowly() -> None:
+    whole = read_log(data_folder() / "warthog_grass" / "warthog_grass_train.csv")
+    for start in (60.0, 150.0):
+        assert Inspected(whole.cut(start, start + 45.0)).faults == ()
+
+
 def test_units_of_positions_show_on_ice_where_wheels_hardly_tell_the_way() -> None:
     path = data_folder() / "drive_runs" / "warthog_ice_train.csv"
     if not path.is_file():

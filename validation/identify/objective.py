@@ -318,7 +318,8 @@ class _HorizonRater(Rater):
     def ends(self) -> FloatArray:
         """(K,) stamp at which the window of each residual of poses ends [s]."""
         stamps = true_motion(self.piece).t[self._ends]
-        return np.tile(stamps, len(self.pose_blocks) // len(stamps))
+        # a piece may be too short for any window
+        return np.tile(stamps, len(self.pose_blocks) // max(len(stamps), 1))
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the errors of the relative pose over each window, see `Rater.errors`."""

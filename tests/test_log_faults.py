@@ -431,7 +431,10 @@ def test_degrees_that_turn_by_much_a_sample_are_named_as_such() -> None:
 
 
 def test_commands_on_grass_come_before_the_motion_that_follows_them_slowly() -> None:
-    whole = read_log(data_folder() / "warthog_grass" / "warthog_grass_train.csv")
+    path = data_folder() / "warthog_grass" / "warthog_grass_train.csv"
+    if not path.is_file():
+        pytest.skip(f"there is no {path}")
+    whole = read_log(path)
     for start in (60.0, 150.0):
         assert Inspected(whole.cut(start, start + 45.0)).faults == ()
 

@@ -87,25 +87,13 @@ class Localiser:
                 poses' own.
 
         Returns:
-            (M, 3) poses of the tracked frame. A log may begin while the robot drives: before the
-            first pose and after the last the body goes on as there.
+            (M, 3) poses of the tracked frame, held before the first and after the last.
         """
-        clock = period * np.arange(len(body), dtype=np.float64)
-        return self._late_poses(body, clock, clock if t is None else t - t[0])
-
-    def _late_poses(self, body: FloatArray, clock: FloatArray, stamps: FloatArray) -> FloatArray:
-        """Return (M, 3) poses at stamps of a log, of a body's at a clock, see `logged_poses`."""
-        first, last = (
-            np.diff(body[end], axis=0) / np.diff(clock[end])
-            for end in (slice(None, 2), slice(-2, None))
-        )
+        clock = period * np.arange(len(body))
+        stamps = clock if t is None else t - t[0]
 
         def at(late: float) -> FloatArray:
-            t = stamps - late
-            pose: FloatArray = np.column_stack([np.interp(t, clock, column) for column in body.T])
-            pose += np.minimum(t - clock[0], 0.0)[:, None] * first
-            pose += np.maximum(t - clock[-1], 0.0)[:, None] * last
-            return pose
+            return np.column_stack([np.interp(stamps - late, clock, column) for column in body.T])
 
         pose = self.seen_pose(at(self.position_late))
         if self.yaw_late != self.position_late:
@@ -122,21 +110,24 @@ class Localiser:
 
         Returns:
             The motion of the tracked frame at these stamps, linear between samples. Only the pose
-            is late, see `logged_poses`.
+            is late: the first pose is held until the delay is over.
         """
         lever = motion.twist[:, 2:] * np.array([-self.tracked_y, self.tracked_x])
         velocity = rotate_world_to_body(motion.twist[:, :2] + lever, self.tracked_yaw)
+        pose = self.seen_pose(motion.pose)
         twist = np.concatenate([velocity, motion.twist[:, 2:]], axis=1)
         if t is None and self.position_late == self.yaw_late == 0.0:
-            return replace(motion, pose=self.seen_pose(motion.pose), twist=twist)
+            return replace(motion, pose=pose, twist=twist)
         stamps = motion.t if t is None else np.asarray(t, dtype=np.float64)
         clock = motion.t if t is None else motion.t + stamps[0]
 
-        def at(values: FloatArray) -> FloatArray:
+        def at(values: FloatArray, late: float = 0.0) -> FloatArray:
             flat = values.reshape(len(values), -1).T
-            columns = [np.interp(stamps, clock, column) for column in flat]
+            columns = [np.interp(stamps - late, clock, column) for column in flat]
             return np.column_stack(columns).reshape(len(stamps), *values.shape[1:])
 
-        poses = self._late_poses(motion.pose, clock, stamps)
+        position = at(pose[:, :2], self.position_late)
+        heading = at(pose[:, 2:], self.yaw_late)
+        poses = np.concatenate([position, heading], axis=1)
         channels = {name: at(values) for name, values in motion.channels.items()}
         return Trajectory(stamps, poses, at(twist), at(motion.wheels), channels)

@@ -35,7 +35,8 @@ PATIENCE = 90.0
 """Longest time for which anything is waited for [s]: a node starts in 3 s, and on a busy machine in
 twenty."""
 SILENT = re.compile("no feedback for|the stamps of the feedback jumped")
-"""What a controller says of a robot that is silent, or comes back from that on a busy machine."""
+"""A controller ends with one of these when its robot falls silent: on a busy machine it may hear
+the robot again before it gives up, and then says that the stamps jumped."""
 TWIST = "geometry_msgs/msg/Twist"
 STRING = "std_msgs/msg/String"
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -34,7 +34,8 @@ SENSORS = ("imu", "wheels", "odom", "pose", "cmd")
 _TURNS = {"imu": "gyro_z", "odom": "odom_w", "pose": "yaw", "cmd": "cmd_w"}
 _SPEEDS = {"odom": "odom_v", "cmd": "cmd_v"}
 _HALF_TURN = 0.5 * np.pi
-"""Half of the greatest turn in a window whose chord tells its arc [rad]: a turn back has none."""
+"""Half of the greatest turn in a window whose arc follows from its chord [rad]; a robot that turns
+by a whole circle ends where it began."""
 Way = tuple[FloatArray, FloatArray]
 """(K,) stamps [s], and the way of a column since the first of them."""
 JUMP_M = 0.2

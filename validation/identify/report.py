@@ -150,7 +150,7 @@ def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
         if not at_bound:
             continue
         end, bound = ("lower", p.lower) if x < 0.5 else ("upper", p.upper)
-        advice = "give it wider bounds (fit --bounds), or fix it (fit --fix)"
+        advice = "give it wider bounds, or fix it (--bounds and --fix of fit and tune)"
         if end == "upper" and p.name.startswith(_LIMITS):
             advice = "where the source never reaches this limit, more fits as well; fix it"
         # no number lies beyond this bound, so wider bounds are no advice

@@ -32,7 +32,7 @@ _FLOOR = 0.03
 _STANDS = {"turn": 0.01, "way": 0.005, "side": 0.005}
 """The same of a robot that stands [rad/s, m/s]."""
 _LEVER_M = 0.5
-"""Distance of a localiser ahead of the middle of the robot that is nothing unusual [m]."""
+"""Distance of a localiser from the middle of the robot that is nothing unusual [m]."""
 _PIVOT_M = 0.3
 """Way of the point about which a robot that skids turns [m]."""
 _MOUNT = 0.14
@@ -76,7 +76,7 @@ of wheels that skid."""
 _WAYS = {
     "pose": _Bounds(("x", "y"), (0.85, 1.0, 1.18), 0.04, 0.1),
     "odom": _Bounds(("odom_v",), (0.6, 1.0, 1.7), 0.12, 0.2),
-    "wheels": _Bounds(ENCODERS, (0.75, 1.0, 1.25), 0.12, 0.2),
+    "wheels": _Bounds(ENCODERS, (0.8, 1.0, 1.25), 0.12, 0.2),
     "cmd": _Bounds(("cmd_v",), (0.6, 1.05, 2.7), 0.35, 0.6),
 }
 """The same of the forward speed."""
@@ -98,7 +98,7 @@ class SignalPair(NamedTuple):
     columns: frozenset[str]
     """Columns that tell it."""
     factor: float
-    """Ratio of a to b over the typical one, whether possible or not [1]."""
+    """Ratio of a to b over the typical one, whether possible or not; 1 where they differ [1]."""
     cost: FloatArray
     """(N,) cost of what is left over in each window; NaN where one tells nothing."""
 
@@ -216,6 +216,13 @@ class Agreement:
         noise = 0.0
         if "pose" in (a, b):
             noise = self.signals.noise.get("yaw" if what == "turn" else "x", 0.0)
+        rim = np.zeros(len(x))
+        if what == "way" and a == "pose":
+            # a localiser to the side is slower in turns to it
+            turn = self.told[1][a][both]
+            lever = sturdy_fit(np.column_stack([y, turn]), x)[1]
+            x = x - np.clip(lever, -_LEVER_M, _LEVER_M) * turn
+            rim = STOCK.half_track * np.abs(turn)
         share = math.hypot(one.share, other.share)
         late = max(one.late, other.late)
         offset = max(one.offset, other.offset)
@@ -229,7 +236,7 @@ class Agreement:
             possible = min(max(factor, low), high)
             fitted = factor if related else possible
             z = x - c - fitted * y
-            size = np.maximum(np.abs(x), np.abs(fitted * y))
+            size = np.max([np.abs(x), np.abs(fitted * y), rim], axis=0)
             step = np.maximum(step_x, fitted * step_y)
             floor = _FLOOR * _ranked(size, 0.9) + _STANDS[what]
             variance = floor**2 + noise**2 + (share * size) ** 2 + (late * step) ** 2
@@ -247,9 +254,9 @@ class Agreement:
             error = math.sqrt(2.0 * max(1.0 / alike**2 - 1.0, 0.0) / len(x))
             beyond = max(0.0, abs(math.log(factor / possible)) - 2.0 * error)
             costs = costs + _BEYOND * min(beyond, _MOST_BEYOND)
-        factor = max(factor, 1e-9)
         cost[both] = costs
-        return SignalPair(what, a, b, columns, factor / usual, cost)
+        ratio = max(factor, 1e-9) / usual if related else 1.0
+        return SignalPair(what, a, b, columns, ratio, cost)
 
     def _sideways(self, along: FloatArray, turn: FloatArray) -> SignalPair:
         """Compare the way to the side with none, but for a lever and a small angle."""

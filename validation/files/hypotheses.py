@@ -208,6 +208,8 @@ def _turning_frames(e: Agreement, names: Blamed) -> Iterator[Idea]:
         turn = fit_factors((moves * seen[:, None]).imag, (step * seen).imag)
         path = step - moves @ turn
     own = turn[0] - apart[0]
+    if max(abs(turn[0]), abs(own)) * np.ptp(t) < _ANGLE:
+        return  # on a slope a robot slides down wherever it heads
     words = (
         f"x and y turn by {turn[0]:z.3f} rad/s against the others, and yaw by {own:z.3f}, evenly: "
         "the localiser's frame turns, or its heading adds up a gyro's offset"
@@ -342,9 +344,12 @@ def _fitting_unit(names: Blamed, factors: Sequence[float], radius: float | None)
 
 def _one_of_two(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """One of x and y in another unit, or one of the two sides of wheels."""
-    bases = list_bases(e, names).items()
-    sizes = {name: 1e-9 + abs(fit_factors(basis, e.means[name])[0]) for name, basis in bases}
-    for name, other in permutations(sizes):
+    sizes = {
+        name: 1e-9 + abs(fit_factors(basis, e.means[name])[0])
+        for name, basis in list_bases(e, names).items()
+        if explain_share(e.means[name][:, None], basis, [0]) > _SURE
+    }
+    for name, other in permutations(sizes, 2):
         ratio = sizes[name] / sizes[other]
         if not 0.1 < abs(math.log(ratio)) < 15.0:
             continue
@@ -423,7 +428,7 @@ TAKEN_OUT = 1.5
 _LATE = 0.3
 """Delay of some of them behind the others from which it is a fault [s]."""
 _SURE = 0.8
-"""Share of a column that others explain from which its delay is known [1]."""
+"""Share of a column that others explain from which its delay or its size is known [1]."""
 
 
 def find_delays(

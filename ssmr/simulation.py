@@ -8,7 +8,7 @@ v_y = -(x_ICR + k v) omega (Eq. 2.2, 2.10, 2.13); k is 0 but for `kinematic`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -21,7 +21,7 @@ from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PlanarRobot, advance, law_of
 from ssmr.parameters import pack_numbers
-from ssmr.robot.bodies import BodyPlant
+from ssmr.robot.bodies import PartedPlant
 from ssmr.robot.drive import (
     Sides,
     advance_integral,
@@ -32,7 +32,7 @@ from ssmr.robot.drive import (
     whole_steps,
 )
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.types import ChannelColumns, Commands, FloatArray, Motion, State, Trajectory
+from ssmr.types import ChannelColumns, CommandKind, Commands, FloatArray, Motion, State
 
 PLANAR_COLUMNS = 11
 """Numbers of a sample.
@@ -267,7 +267,7 @@ class PlanarBodies:
             )
 
 
-class PlanarPlant(BodyPlant):
+class PlanarPlant(PartedPlant):
     """A planar model as a `Plant`."""
 
     def __init__(self, model: PlanarModel, dt: float = PLANAR_DT) -> None:
@@ -291,41 +291,32 @@ class PlanarPlant(BodyPlant):
         """
         return PlanarBodies([plant.model for plant in plants], state, self.dt)
 
-    def run(
-        self,
-        commands: Commands,
-        state: State,
-        sample_dt: float,
-        disturbance: FloatArray | None = None,
-    ) -> Trajectory:
-        """Drive `commands` at once; channels are the sides' torques and the yaw acceleration.
+    def channels(self, kind: CommandKind) -> ChannelColumns:
+        """Return the columns of the sides' torques and of the yaw acceleration."""
+        return _CHANNELS
 
-        Raises:
-            DivergedError: a velocity is no longer finite.
-            ValueError: periods that are no whole number of steps, or disturbances that are not one
-                a step.
-        """
+    def run_parts(
+        self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None
+    ) -> Iterator[FloatArray]:
+        """Yield the samples of parts of a run, see `PartedPlant`."""
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         steps = commands.n * whole_steps(commands.dt, self.dt, "the command period")
         push = step_pushes(disturbance, steps)
         model = self.model.prescribed() if commands.kind == "wheels" else self.model
         robot = model.packed(self.dt)
-        out = np.empty((1 + steps // stride, PLANAR_COLUMNS))
         now = _planar_start(state.motion, robot)
         size = stride * math.ceil(_AT_ONCE / stride)
         chunks = reference_chunks(commands, self.drive, self.dt, state, size)
         for first, references in zip(range(0, steps, size), chunks, strict=True):
             pushes = push[first : first + size] if len(push) > 1 else push
-            rows = out[first // stride :]
-            begun = rows[0].copy()
+            out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
             failed, now = run_planar(
-                references, pushes, stride=stride, robot=robot, start=now, out=rows
+                references, pushes, stride=stride, robot=robot, start=now, out=out
             )
-            if first:  # the chunk before knows how it turned there
-                rows[0] = begun
             if failed >= 0:
                 step = first + failed
                 t = step * self.dt
                 message = f"{self.name}: no finite velocity after step {step} (t = {t:.3f} s)"
                 raise DivergedError(message, step=step, t=t)
-        return Trajectory.of_table(sample_dt, out, _CHANNELS)
+            # the part before has its last sample, and knows how it turned there
+            yield out[1:] if first else out

@@ -221,17 +221,19 @@ class Trajectory:
         return Trajectory, (self.t, self.pose, self.twist, self.wheels, dict(self.channels))
 
     @classmethod
-    def of_table(cls, period: float, table: FloatArray, channels: ChannelColumns) -> Trajectory:
+    def of_table(
+        cls, t: FloatArray | float, table: FloatArray, channels: ChannelColumns
+    ) -> Trajectory:
         """Return the motion of a run whose samples are the rows of a table.
 
         Args:
-            period: time between samples [s].
+            t: (M,) stamps, or the time between them, of which the first is 0 [s].
             table: (M, k) fields of a `State`, then channels.
             channels: columns of each channel.
         """
-        t = period * np.arange(len(table), dtype=np.float64)
+        stamps = np.multiply(t, np.arange(len(table))) if isinstance(t, float) else t
         signals = {name: table[:, columns] for name, columns in channels.items()}
-        return cls(t, table[:, :3], table[:, 3:6], table[:, 6:8], signals)
+        return cls(stamps, table[:, :3], table[:, 3:6], table[:, 6:8], signals)
 
     def __len__(self) -> int:
         """Number of samples, M."""

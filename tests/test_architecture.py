@@ -532,11 +532,12 @@ PRICES = {
         "answers: contact of a robot with its weight in the middle, transfer, drive train",
     ),
     "validation/experiment": Price(
-        15_430,
+        15_500,
         9,
         54,
         "scenarios and logs that plants are driven along, their runs and scores (what comparison, "
-        "fit and pictures each had); references, gains, controllers in loops",
+        "fit and pictures each had), those of hours part by part; references, gains, controllers "
+        "in loops",
     ),
     "validation/.": Price(
         28_950,

@@ -28,7 +28,7 @@ from validation.experiment.runs import Run
 from validation.experiment.scores import Scores
 from validation.experiment.sources import Piece, Source
 from validation.plants.profile import load_profile
-from validation.report import scene, scene_robots
+from validation.report import scene_robots
 from validation.report.comparison import Comparison
 from validation.report.scene_robots import POSE_PERIOD, looks_of
 from validation.report.viewer import open_viewer
@@ -240,7 +240,7 @@ def test_the_poses_read_back_are_those_given(
 
 def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(scene_robots, "MOST_POSES", 50)
-    monkeypatch.setattr(scene, "_MOST_SAMPLES", 60)
+    monkeypatch.setattr(scene_robots, "MOST_SAMPLES", 60)
     made = comparison([TWO_SECONDS], PLANTS[:2])
     path = tmp_path / "long.rrd"
     made.record(path)

@@ -144,6 +144,9 @@ def compare(o: Compare) -> Comparison:
         cli.warn_user(warning)
     recorded = reference == RECORDING
     gyro = find_gyro_judge(source) if recorded else None
+    if source.inspected is not None:
+        source.inspected.forget_signals()
+    cli.return_memory()
     localisers = {name: profile.section(name).localiser for name in plants}
     push_seed = o.seed if o.disturbance else None
     runs = drive_all(source, plants, localisers, push_seed, o.workers, o.progress)
@@ -172,6 +175,7 @@ def compare(o: Compare) -> Comparison:
         scores[name] = score_windows(metrics, pieces, motions, horizons, by_gyro, band)
     for sentence in health_warnings(runs):
         cli.warn_user(sentence)
+    cli.return_memory()
     return Comparison(
         title=f"{one_line(source.name)}, {with_robot(profile.name, profile.robot.name)}",
         options=o.as_dict(),

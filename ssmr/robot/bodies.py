@@ -6,7 +6,7 @@ of many closed loops, the episodes of learning, and the one robot that a plant s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ssmr.errors import DivergedError
 from ssmr.robot.drive import Driver, whole_steps
 from ssmr.robot.vehicle import Drive
-from ssmr.types import FloatArray, State
+from ssmr.types import ChannelColumns, CommandKind, Commands, FloatArray, State, Trajectory
 
 
 class Bodies(Protocol):
@@ -86,3 +86,29 @@ class BodyPlant:
     def _read(self) -> State:
         self._now = State(*self._bodies.states()[0, :8].tolist())
         return self._now
+
+
+class PartedPlant(BodyPlant):
+    """A plant whose runs come part by part, so that hours of samples need not be held at once."""
+
+    channels: Callable[[CommandKind], ChannelColumns]
+    """Function of the kind of commands that returns the columns of channels behind a `State`'s."""
+    run_parts: Callable[[Commands, State, float, FloatArray | None], Iterator[FloatArray]]
+    """Function that yields the (m, k) samples of a `run` part by part, from the same arguments."""
+
+    def run(
+        self,
+        commands: Commands,
+        state: State,
+        sample_dt: float,
+        disturbance: FloatArray | None = None,
+    ) -> Trajectory:
+        """Drive `commands` at once, see `ssmr.types.Plant`.
+
+        Raises:
+            DivergedError: the physics failed.
+            ValueError: periods that are no whole number of steps, or disturbances that are not one
+                a step.
+        """
+        table = np.vstack(list(self.run_parts(commands, state, sample_dt, disturbance)))
+        return Trajectory.of_table(sample_dt, table, self.channels(commands.kind))

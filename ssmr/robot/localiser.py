@@ -112,22 +112,29 @@ class Localiser:
             The motion of the tracked frame at these stamps, linear between samples. Only the pose
             is late: the first pose is held until the delay is over.
         """
-        lever = motion.twist[:, 2:] * np.array([-self.tracked_y, self.tracked_x])
-        velocity = rotate_world_to_body(motion.twist[:, :2] + lever, self.tracked_yaw)
-        pose = self.seen_pose(motion.pose)
-        twist = np.concatenate([velocity, motion.twist[:, 2:]], axis=1)
-        if t is None and self.position_late == self.yaw_late == 0.0:
-            return replace(motion, pose=pose, twist=twist)
         stamps = motion.t if t is None else np.asarray(t, dtype=np.float64)
         clock = motion.t if t is None else motion.t + stamps[0]
+        signals = [motion.pose, motion.twist, motion.wheels, *motion.channels.values()]
+        table = self.seen_table(np.column_stack(signals), clock, stamps)
+        columns = dict[str, slice | int]()
+        first = 8
+        for name, values in motion.channels.items():
+            stop = first + values[0].size
+            columns[name] = first if values.ndim == 1 else slice(first, stop)
+            first = stop
+        return Trajectory.of_table(stamps, table, columns)
 
-        def at(values: FloatArray, late: float = 0.0) -> FloatArray:
-            flat = values.reshape(len(values), -1).T
-            columns = [np.interp(stamps - late, clock, column) for column in flat]
-            return np.column_stack(columns).reshape(len(stamps), *values.shape[1:])
+    def seen_table(self, rows: FloatArray, clock: FloatArray, t: FloatArray) -> FloatArray:
+        """Return (M, k) numbers of a body's motion as the log tells them at its stamps, see `seen`.
 
-        position = at(pose[:, :2], self.position_late)
-        heading = at(pose[:, 2:], self.yaw_late)
-        poses = np.concatenate([position, heading], axis=1)
-        channels = {name: at(values) for name, values in motion.channels.items()}
-        return Trajectory(stamps, poses, at(twist), at(motion.wheels), channels)
+        Args:
+            rows: (m, k) samples, the fields of a `State` first.
+            clock: (m,) stamps of the samples [s].
+            t: (M,) stamps of the log [s].
+        """
+        lever = rows[:, 5:6] * np.array([-self.tracked_y, self.tracked_x])
+        velocity = rotate_world_to_body(rows[:, 3:5] + lever, self.tracked_yaw)
+        seen = [*self.seen_pose(rows[:, :3]).T, *velocity.T, *rows[:, 5:].T]
+        late = [self.position_late, self.position_late, self.yaw_late, *[0.0] * (len(seen) - 3)]
+        at = zip(late, seen, strict=True)
+        return np.column_stack([np.interp(t - wait, clock, column) for wait, column in at])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ssmr.robot.bodies import PartedPlant
 from ssmr.robot.drive import motor_numbers
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.sensors import yaw_disturbance
@@ -81,8 +82,31 @@ def drive_piece(
     disturbing yaw acceleration of each physics step [rad/s²].
     """
     start = localiser.body_state(piece.start)
-    motion = plant.run(piece.commands, start, sample_dt, push)
-    return localiser.seen(motion, piece.t)
+    drive = piece.commands, start, sample_dt, push
+    t = piece.t
+    if t is None or not isinstance(plant, PartedPlant):
+        return localiser.seen(plant.run(*drive), t)
+    table = np.vstack(list(_see_parts(plant.run_parts(*drive), localiser, sample_dt, t)))
+    return Trajectory.of_table(t, table, plant.channels(piece.commands.kind))
+
+
+def _see_parts(
+    parts: Iterable[FloatArray], localiser: Localiser, period: float, t: FloatArray
+) -> Iterator[FloatArray]:
+    """Yield part by part what a localiser sees of a run at stamps `t` [s], see `seen_table`."""
+    # it asks for no sample that is later or earlier than a stamp by so much
+    reach = abs(localiser.position_late) + abs(localiser.yaw_late) + period
+    rows = list[FloatArray]()
+    done = end = 0
+    for part in parts:
+        table = np.vstack([*rows, part])
+        end += len(part)
+        clock = period * np.arange(end - len(table), end) + t[0]
+        stop = np.searchsorted(t, clock[-1] - reach)
+        yield localiser.seen_table(table, clock, t[done:stop])
+        done = stop
+        rows = [table[clock > clock[-1] - 3.0 * reach]]
+    yield localiser.seen_table(table, clock, t[done:])
 
 
 def drive_source(plant: Plant, source: Source, localiser: Localiser) -> tuple[Trajectory, ...]:

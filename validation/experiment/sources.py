@@ -306,7 +306,7 @@ def source_of(
             # the delay lines are filled with the first command: nobody knows the ones before
             commands=replace(commands, before=tuple(commands.values[0].tolist())),
             start=_initial_state(t, pose[s], fresh[s], wheels[s][0]),
-            t=t,
+            t=motion.t,
             reference=replace(motion, channels=channels),
             fresh=ends[s],
             jumps=tuple(inside.tolist()),

@@ -133,6 +133,11 @@ class Signals:
                 ways |= ways_of(self.log.groups[sensor])
         return ways
 
+    def forget_signals(self) -> None:
+        """Let go of what is made again when it is asked for: signals of hours fill the memory."""
+        for name in ("poses", "told", "ways"):
+            vars(self).pop(name, None)
+
     @cached_property
     def windows(self) -> Windows:
         """The windows, see `windows_of`."""

@@ -26,7 +26,14 @@ from validation.output import Document, one_line
 from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.driven import DrivenRobots, GivenCommands
-from validation.report.scene_robots import Plots, Series, Track, shades_of
+from validation.report.scene_robots import (
+    Plots,
+    Series,
+    Track,
+    join_signals,
+    shades_of,
+    thin_line,
+)
 from validation.report.table import Table
 from validation.simulator.description import WHEELS
 from validation.simulator.health import health_verdict
@@ -283,11 +290,12 @@ class Motions(DrivenRobots):
         from validation.report.scene import write_scene  # here: rerun may be missing
 
         title = f"{self.source.name}, profile {self.profile_label}"
-        write_scene(self, title, self.tracks(), self._command_plots(), path)
+        write_scene(self, title, self.drawn, self._command_plots(), path)
 
     def _command_plots(self) -> Plots:
         """Commands over time, as a recording's plots have them."""
-        t, values = (np.concatenate(parts) for parts in zip(*self._given(), strict=True))
+        given = zip(*self._given(), strict=True)
+        t, values = (thin_line(join_signals(parts)) for parts in given)
         if not self.commanded():
             names = ["left commanded", "right commanded"]
             inks = shades_of(_COMMANDED)

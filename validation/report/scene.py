@@ -15,7 +15,6 @@ picture:
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import uuid
 from collections.abc import Iterable, Sequence
@@ -51,6 +50,7 @@ from validation.report.scene_robots import (
     bright_colour,
     looks_of,
     shades_of,
+    thin_line,
 )
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
@@ -73,8 +73,6 @@ _LEGEND = 0.48
 """The time that is left free for the legend, to the right of all lines, over theirs.
 
 It is less than half, or the axis would often end at a round number, whose label is cut."""
-_MOST_SAMPLES = 45_000
-"""Samples of a line over time, at most: twenty for each point of a screen's width."""
 _VIEWS = (
     {
         "position_error": "Position error",
@@ -357,8 +355,7 @@ def _line_parts(entity: str, series: Series, gaps: FloatArray) -> _Parts:
     names = list(series.names)
     colours = list(series.colours)
     yield entity, None, rr.SeriesLines(names=names, colors=colours, interpolation_mode=mode)
-    step = math.ceil(len(series.t) / _MOST_SAMPLES)
-    yield entity, series.t[::step], rr.Scalars.columns(scalars=series.values[::step])
+    yield entity, thin_line(series.t), rr.Scalars.columns(scalars=thin_line(series.values))
     if len(gaps):
         yield entity, gaps, rr.Clear.columns(is_recursive=[False] * len(gaps))
 
@@ -396,8 +393,9 @@ def _plots_of(track: Track, length: Unit) -> Plots:
         distance, turn = track.errors
         lines.append((f"position_error/{name}", length.symbol, length.scale * distance, alone))
         lines.append((f"yaw_error/{name}", "deg", np.degrees(turn), alone))
+    # here already: all lines of hours would fill the memory
     return {
-        entity: Series(names, unit, colours, track.t, values)
+        entity: Series(names, unit, colours, thin_line(track.t), thin_line(values))
         for entity, unit, values, (names, colours) in lines
         if values is not None
     }

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -25,6 +26,8 @@ GROUND: Rgb = (222, 225, 229)
 """Colour of the ground."""
 POSE_PERIOD = 0.02
 """Time between two poses of a robot [s]: 50 Hz is smooth to the eye."""
+MOST_SAMPLES = 45_000
+"""Samples of a line over time, at most: twenty for each point of a screen's width."""
 MOST_POSES = 45_000
 """Most poses of a robot: 50 Hz for a quarter of an hour, 6 Hz for two hours."""
 _HUSKY_SIZE = (0.984, 0.689)
@@ -107,12 +110,12 @@ class Track:
     @cached_property
     def t(self) -> FloatArray:
         """(M,) stamps [s]."""
-        return np.concatenate([p.t for p in self.pieces])
+        return join_signals([p.t for p in self.pieces])
 
     @cached_property
     def pose(self) -> FloatArray:
         """(M, 3) poses [m, m, rad]."""
-        return np.concatenate([p.pose for p in self.pieces])
+        return join_signals([p.pose for p in self.pieces])
 
     @property
     def body(self) -> FloatArray:
@@ -124,15 +127,11 @@ class Track:
         """(M, 2) turns of the left and right wheels since their piece began [rad]."""
         return np.concatenate([integrate_rates(p.t, p.wheels) for p in self.pieces])
 
-    @cached_property
-    def seen(self) -> FloatArray:
-        """(M, 3) poses seen from the reference's robot [m, m, rad]."""
-        return relative_pose((self.reference or self).pose, self.pose)
-
-    @cached_property
+    @property
     def errors(self) -> tuple[FloatArray, FloatArray]:
         """(M,) distances from the reference's robot [m], and (M,) differences of heading [rad]."""
-        return np.hypot(self.seen[:, 0], self.seen[:, 1]), wrap_angle(self.seen[:, 2])
+        x, y, turn = relative_pose((self.reference or self).pose, self.pose).T
+        return np.hypot(x, y), wrap_angle(turn)
 
     @cached_property
     def shown(self) -> list[IndexArray]:
@@ -164,7 +163,17 @@ class Track:
         """Return a channel over all samples; None where a piece lacks it."""
         if not all(name in p.channels for p in self.pieces):
             return None
-        return np.concatenate([p.channels[name] for p in self.pieces])
+        return join_signals([p.channels[name] for p in self.pieces])
+
+
+def join_signals(parts: Sequence[FloatArray]) -> FloatArray:
+    """Return parts in a row; one alone is not copied."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def thin_line(values: FloatArray) -> FloatArray:
+    """Return a copy of the samples of a line over time that are shown, fewer of very many."""
+    return values[:: math.ceil(len(values) / MOST_SAMPLES)].copy()
 
 
 def bright_colour(name: str) -> Rgb:

@@ -7,7 +7,7 @@ results do not depend on how long chunks are, to the bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -20,10 +20,10 @@ from ssmr.geometry import (
     rotate_world_to_body,
     yaw_to_quat_wxyz,
 )
-from ssmr.robot.bodies import BodyPlant
-from ssmr.robot.drive import motor_numbers, reference_chunks, whole_steps
+from ssmr.robot.bodies import PartedPlant
+from ssmr.robot.drive import motor_numbers, reference_chunks, step_pushes, whole_steps
 from ssmr.robot.vehicle import Drive
-from ssmr.types import ChannelColumns, Commands, FloatArray, State, Trajectory
+from ssmr.types import ChannelColumns, CommandKind, Commands, FloatArray, State
 from validation.simulator.bodies import MujocoBodies
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
@@ -57,7 +57,7 @@ _TURN = 2.0 * np.pi
 stop_the_stopwatch()
 
 
-class MujocoPlant(BodyPlant):
+class MujocoPlant(PartedPlant):
     """A calibrated robot on its ground."""
 
     name = "mujoco"
@@ -176,54 +176,59 @@ class MujocoPlant(BodyPlant):
         mujoco.mj_objectAcceleration(model, probe, kind, site, acceleration, 1)
         return velocity[:3], acceleration[3:]
 
-    @mujoco_failures()
-    def run(
-        self,
-        commands: Commands,
-        state: State,
-        sample_dt: float,
-        disturbance: FloatArray | None = None,
-    ) -> Trajectory:
-        """Drive `commands` at once, by `mujoco.rollout`.
+    def channels(self, kind: CommandKind) -> ChannelColumns:
+        """Return the columns of channels.
 
-        Returns:
-            The motion, with channels `yaw_acceleration_rad_s2` (M,) and, where no wheel rates are
-            given, `torque_N_m` (M, 2); and for the wheels front left, front right, rear left, rear
-            right `wheel_load_N` (M, 4) and the forces of the ground in the body's axes,
-            `force_x_N` and `force_y_N` (M, 4).
-
-        Raises:
-            DivergedError: the simulator gave up.
+        They are `wheel_load_N`, `torque_N_m` of both sides or, where wheel rates are given,
+        `ground_torque_N_m`, `yaw_acceleration_rad_s2`, and `force_x_N` and `force_y_N`, the forces
+        of the ground in the body's axes. Wheels are front left, front right, rear left, rear right.
         """
+        columns = {**CHANNELS, **_FORCES}
+        if kind == "wheels":
+            columns["ground_torque_N_m"] = columns.pop("torque_N_m")
+        return columns
+
+    def run_parts(
+        self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None
+    ) -> Iterator[FloatArray]:
+        """Yield the samples of parts of a run by `mujoco.rollout`, see `PartedPlant`."""
         stride = whole_steps(sample_dt, self.dt, "the sample period")
-        steps = self._steps_of(commands)
         spec = mujoco.mjtState.mjSTATE_CTRL
         if disturbance is not None:
-            if len(disturbance) != steps:
-                raise ValueError(f"{len(disturbance)} disturbances for {steps} physics steps")
+            disturbance = step_pushes(disturbance, self._steps_of(commands))
             spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
         model = self.model if commands.kind == "twist" else self._prescribed
-        inputs = self._inputs(commands, state, disturbance)
-        table = np.vstack(list(self._sampled(model, self.placed(state), inputs, int(spec), stride)))
-        table[:, 2] += _TURN * round((state.yaw - table[0, 2]) / _TURN)
-        motion = Trajectory.of_table(stride * self.dt, table, {**CHANNELS, **_FORCES})
-        if commands.kind == "twist":
-            return motion
-        return self._with_ground_torque(motion)
+        data = mujoco.MjData(model)
+        now = self.placed(state)
+        turns = round((state.yaw - float(quat_wxyz_to_yaw(now[4:8]))) / _TURN)
+        yaw_rate = 1 + model.nq + 5
+        first = 0
+        with mujoco_failures():
+            for control in self._inputs(commands, state, disturbance):
+                after, readings = rolled_out(data, now, control, int(spec), first)
+                before = np.vstack([now, after[:-1]])
+                yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
+                jumps = np.rint(np.diff(yaw) / _TURN).astype(np.int64)
+                whole = turns - np.cumulative_sum(jumps, include_initial=True)
+                # the first step of the run is a sample, and so every `stride`-th after it
+                at = slice(-first % stride, len(after), stride)
+                headings = yaw[:-1][at] + _TURN * whole[:-1][at]
+                turned = (after[at, yaw_rate] - before[at, yaw_rate]) / model.opt.timestep
+                rows = self._numbers(before[at], readings[at], headings, turned)
+                if commands.kind == "wheels":
+                    self._write_ground_torque(rows)
+                yield rows
+                now = after[-1]
+                first += len(after)
+                turns = int(whole[-1])
 
-    def _with_ground_torque(self, motion: Trajectory) -> Trajectory:
-        """Return a motion with given wheel rates with the ground's torque in place of the motors'.
-
-        The motors' torque turned the heavy wheels, not the robot.
-        """
-        channels = dict(motion.channels)
-        del channels["torque_N_m"]
+    def _write_ground_torque(self, rows: FloatArray) -> None:
+        """Write the ground's torque in place of the motors', which turned the heavy wheels."""
         radius = self.calibration.wheel_radius
         difference = 0.5 * self.calibration.radius_difference
-        pull = channels["force_x_N"]
+        pull = rows[:, _FORCES["force_x_N"]]
         sides = pull[:, :2] + pull[:, 2:]
-        channels["ground_torque_N_m"] = sides * [radius + difference, radius - difference]
-        return replace(motion, channels=channels)
+        rows[:, CHANNELS["torque_N_m"]] = sides * [radius + difference, radius - difference]
 
     def _steps_of(self, commands: Commands) -> int:
         """Return the number of physics steps of all commands."""
@@ -264,48 +269,6 @@ class MujocoPlant(BodyPlant):
             rates = rates_on_steps(commands, self.dt, step)
             yield lead_rates(rates, last, GIVEN_STEPS - 1.0)
             last = rates[-1]
-
-    def _sampled(
-        self,
-        model: mujoco.MjModel,
-        start: FloatArray,
-        inputs: Iterable[FloatArray],
-        spec: int,
-        stride: int,
-    ) -> Iterator[FloatArray]:
-        """Simulate chunk by chunk, and yield the (m, 23) numbers of the samples of each.
-
-        Args:
-            model: the robot on its ground; its first joint is free.
-            start: (1 + nq + nv + na) state before the first step.
-            inputs: (n, ...) inputs of the n steps of each chunk.
-            spec: kind of the inputs, of `mujoco.mjtState`.
-            stride: steps from one sample to the next; the first step is one.
-
-        Raises:
-            DivergedError: the simulator gave up; with the time and, as far as the chunk reaches
-                back, the states until then.
-        """
-        dt = model.opt.timestep
-        yaw_rate = 1 + model.nq + 5
-        data = mujoco.MjData(model)
-        state = start
-        first = 0
-        turns = 0
-        for control in inputs:
-            after, readings = rolled_out(data, state, control, spec, first)
-            before = np.vstack([state, after[:-1]])
-            yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
-            jumps = np.rint(np.diff(yaw) / _TURN).astype(np.int64)
-            whole = turns - np.cumulative_sum(jumps, include_initial=True)
-            # the first step of the run is a sample, and so every `stride`-th after it
-            at = slice(-first % stride, len(after), stride)
-            headings = yaw[:-1][at] + _TURN * whole[:-1][at]
-            turned = (after[at, yaw_rate] - before[at, yaw_rate]) / dt
-            yield self._numbers(before[at], readings[at], headings, turned)
-            state = after[-1]
-            first += len(after)
-            turns = int(whole[-1])
 
     def _numbers(
         self, states: FloatArray, sensors: FloatArray, yaw: FloatArray, turned: FloatArray

@@ -255,6 +255,17 @@ def grown(c: Columns) -> Columns:
     return {**c, **{name: c[name][0] + np.cumsum(each) for name, each in steps.items()}}
 
 
+def asked(c: Columns) -> Columns:
+    """Set points of a driver whose answers come up to three rows after the commands, by chance."""
+    rows = np.arange(len(c["t"]))
+    since = np.floor(5.0 * c["t"])  # commands come at 5 Hz
+    told = {name: c[name][np.searchsorted(since, since)] for name in ("cmd_v", "cmd_w")}
+    at = np.maximum(rows - np.random.default_rng(0).integers(0, 4, len(rows)), 0)
+    turn = 0.4 * told["cmd_w"][at]
+    sides = dict(zip(WHEELS, (told["cmd_v"][at] - turn, told["cmd_v"][at] + turn), strict=True))
+    return {**c, **told, **{name: side / 0.165 for name, side in sides.items()}}
+
+
 INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
     "a gyro's offset": ("offset", lambda c: {**c, "gyro_z": c["gyro_z"] + 0.1}),
     "a gyro's drift": (
@@ -317,6 +328,7 @@ INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
         from_half_on(lambda c: {**c, **{n: c[n][::-1] for n in ("cmd_v", "cmd_w")}}),
     ),
     "a side that counts a fifth more": ("scale", lambda c: {**c, "enc_left": 1.2 * c["enc_left"]}),
+    "set points": ("setpoints", asked),
     "a gear of 22": ("scale", lambda c: {**c, **{name: 22.0 * c[name] for name in WHEELS}}),
 }
 

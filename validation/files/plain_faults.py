@@ -25,7 +25,7 @@ from validation.files.motion import (
     motion_by_sensor,
 )
 from validation.files.sensors import MOST_WINDOWS, Signals
-from validation.files.signals import TIME_ROUNDOFF
+from validation.files.signals import TIME_ROUNDOFF, sturdy_fit
 
 _MOVES = 0.1
 """Rate from which a robot moves [m/s, rad/s]."""
@@ -49,9 +49,11 @@ def set_points(e: Signals) -> Iterator[LogFault]:
     rates = np.column_stack([wheels.columns[name] for name in ENCODERS])[now >= 0]
     twists = np.column_stack([commands.columns[name] for name in TWIST])
     size = np.std(rates, axis=0)
-    for late in (0, 1):
-        asked = twists[np.maximum(now[now >= 0] - late, 0)]
-        rest = np.abs(asked @ np.linalg.lstsq(asked, rates)[0] - rates)
+    # a logger may write a command a few samples before the set points that follow from it
+    asked = [twists[np.maximum(now[now >= 0] - late, 0)] for late in range(4)]
+    for basis in asked[:2]:
+        factors = np.column_stack([sturdy_fit(basis, side) for side in rates.T])
+        rest = np.min([np.abs(told @ factors - rates) for told in asked], axis=0)
         if min(size) > 0.1 and np.all(np.percentile(rest, 98.0, axis=0) < 1e-3 * size):
             sentence = (
                 "enc_left and enc_right follow from cmd_v and cmd_w exactly: they are set points, "

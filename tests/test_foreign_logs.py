@@ -457,3 +457,24 @@ def test_numbers_are_read_as_matlab_and_excel_write_them(
     log = open_log(path).log
     np.testing.assert_allclose(log.t, 0.1 * np.arange(5))
     np.testing.assert_allclose(np.abs(log.columns["gyro_z"]), 0.5 + np.arange(5))
+
+
+@pytest.mark.parametrize("slower", [1.0, 0.6, 0.2])
+@pytest.mark.parametrize(("name", "start"), [("husky", 0.35), ("sample", 0.5), ("warthog", 0.6)])
+def test_wheels_of_a_robot_that_is_pushed_are_not_frozen(
+    name: str, start: float, slower: float
+) -> None:
+    log = read_log(name).on_one_clock()
+    begin = log.t[0] + start * np.ptp(log.t)
+    pushed = (log.t > begin) & (log.t < begin + 0.15 * np.ptp(log.t))
+    # it moves so much more slowly then, and the rest of the drive comes later
+    share = np.where(pushed, slower, 1.0)
+    at = log.t[0] + np.cumsum(share * np.diff(log.t, prepend=log.t[0]))
+    columns = {name: np.interp(at, log.t, values) for name, values in log.columns.items()}
+    if "gyro_z" in columns:
+        columns["gyro_z"] *= share
+    for rate in (*WHEELS, "cmd_v", "cmd_w"):
+        columns[rate] = np.where(pushed, 0.0, columns[rate])
+    found = Inspected(Log.of_columns("log.csv", {"t": log.t, **columns}), None)
+    assert {fault.kind for fault in found.faults} <= {"slip"}
+    assert found.faults or slower < 0.5

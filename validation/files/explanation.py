@@ -192,9 +192,10 @@ def _stuck_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
     bases = list_bases(e, names)
     for kind in ("frozen", "clipped"):
         at = {name: stuck_samples(e.signals, name, kind) > _TOUCHED for name in bases}
-        if kind == "frozen" and len(bases) == 2:
+        if kind == "frozen" and names != GYRO:
             # a robot whose wheels stand without a command may be pushed
-            moves = np.any([e.means[name] for name in names], axis=0) | e.commanded
+            both = ENCODERS if names[0] in ENCODERS else names
+            moves = np.any([e.means[name] for name in both], axis=0) | e.commanded
             at = dict.fromkeys(names, np.all([*at.values()], axis=0) & moves)
         changed = {}
         for name, basis in bases.items():

@@ -48,13 +48,14 @@ def set_points(e: Signals) -> Iterator[LogFault]:
     now = np.searchsorted(commands.t, wheels.t, side="right") - 1
     rates = np.column_stack([wheels.columns[name] for name in ENCODERS])[now >= 0]
     twists = np.column_stack([commands.columns[name] for name in TWIST])
+    moving = np.any(rates != 0.0, axis=1)
     size = np.std(rates, axis=0)
     # a logger may write a command a few samples before the set points that follow from it
     asked = [twists[np.maximum(now[now >= 0] - late, 0)] for late in range(4)]
     for basis in asked[:2]:
         factors = np.column_stack([sturdy_fit(basis, side) for side in rates.T])
         rest = np.min([np.abs(told @ factors - rates) for told in asked], axis=0)
-        if min(size) > 0.1 and np.all(np.percentile(rest, 98.0, axis=0) < 1e-3 * size):
+        if min(size) > 0.1 and np.all(np.percentile(rest[moving], 98.0, axis=0) < 1e-3 * size):
             sentence = (
                 "enc_left and enc_right follow from cmd_v and cmd_w exactly: they are set points, "
                 "and not what encoders measured"

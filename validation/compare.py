@@ -44,7 +44,7 @@ from validation.experiment.sources import (
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.files.log import ReadOptions
-from validation.output import Document, file_name, one_line
+from validation.output import Document, file_name, one_line, return_memory
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants, plant_kind
 from validation.report.comparison import Comparison
@@ -146,7 +146,7 @@ def compare(o: Compare) -> Comparison:
     gyro = find_gyro_judge(source) if recorded else None
     if source.inspected is not None:
         source.inspected.forget_signals()
-    cli.return_memory()
+    return_memory()
     localisers = {name: profile.section(name).localiser for name in plants}
     push_seed = o.seed if o.disturbance else None
     runs = drive_all(source, plants, localisers, push_seed, o.workers, o.progress)
@@ -175,7 +175,6 @@ def compare(o: Compare) -> Comparison:
         scores[name] = score_windows(metrics, pieces, motions, horizons, by_gyro, band)
     for sentence in health_warnings(runs):
         cli.warn_user(sentence)
-    cli.return_memory()
     return Comparison(
         title=f"{one_line(source.name)}, {with_robot(profile.name, profile.robot.name)}",
         options=o.as_dict(),

@@ -1,4 +1,4 @@
-r"""What leaves this project: harmless words, files that are whole, and progress.
+r"""What leaves this project: harmless words, files that are whole, memory, and progress.
 
 Foreign text (names of files, topics, columns, profiles) is made harmless where it leaves.
 Each medium has one function. None loses a character: what could move a cursor, start an escape
@@ -16,6 +16,7 @@ Python has for it, such as `\x1b` or `\u202e`, and a byte of a file name that is
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import json
 import math
 import os
@@ -241,6 +242,19 @@ def make_folder(path: Path) -> Path:
     if not os.access(path, os.W_OK):
         raise _UnusableFolder(f"{path}: the folder cannot be written; name another")
     return path
+
+
+# --- memory ---
+
+
+def return_memory() -> None:
+    """Return to the system what Python let go of, where the C library keeps it, as glibc does.
+
+    It keeps half of what a log of hours fills, in pieces into which nothing large fits any more.
+    """
+    trim = getattr(ctypes.pythonapi, "malloc_trim", None)
+    if trim is not None:
+        trim(0)
 
 
 # --- progress of long work: a callback, so that no library knows of terminals ---

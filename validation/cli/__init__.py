@@ -15,7 +15,6 @@ from validation.cli.process import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.process import EXIT_USER_ERROR as EXIT_USER_ERROR
 from validation.cli.process import parse_command as parse_command
 from validation.cli.process import read_as as read_as
-from validation.cli.process import return_memory as return_memory
 from validation.cli.process import run_command as run_command
 from validation.cli.program import Common as Common
 from validation.cli.program import Filmed as Filmed

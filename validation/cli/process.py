@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import ctypes
 import errno
 import functools
 import gc
@@ -52,16 +51,6 @@ _STYLE = (
     tyro.conf.OmitArgPrefixes,
     tyro.conf.PositionalMetavarFromFieldName,
 )
-
-
-def return_memory() -> None:
-    """Return to the system what Python let go of, where the C library keeps it, as glibc does.
-
-    It keeps half of what a log of hours fills, in pieces into which nothing large fits any more.
-    """
-    trim = getattr(ctypes.pythonapi, "malloc_trim", None)
-    if trim is not None:
-        trim(0)
 
 
 def run_command(command: Any, program: str, arguments: Sequence[str] | None = None) -> None:

@@ -238,6 +238,7 @@ class Report:
         output.write_json(document, {**self.as_dict(), "files": list(writers)})
         # drawing may take long or fail; the numbers are safe by now
         for name, write in writers.items():
+            output.return_memory()
             write(place / name)
         return [path for path in (document, *map(place.joinpath, writers)) if path.exists()]
 

@@ -37,7 +37,7 @@ except ImportError as missing:
 from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, yaw_to_quat_wxyz
 from ssmr.robot.ground import LEFT
 from ssmr.types import FloatArray
-from validation.output import Document, each_line, one_line, write_atomic
+from validation.output import Document, each_line, one_line, return_memory, write_atomic
 from validation.report.columns import Unit, length_unit
 from validation.report.palette import BLACK, WHITE, mix_colours, plant_colour
 from validation.report.report import Report
@@ -155,7 +155,8 @@ def _identity_of(title: str, tracks: Sequence[Track]) -> uuid.UUID:
     """
     digest = hashlib.sha256(title.encode(errors="surrogateescape"))
     for track in tracks:
-        digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
+        for part in (track.name.encode(), track.t.data, track.pose.data):
+            digest.update(part)
     return uuid.UUID(bytes=digest.digest()[:16], version=4)
 
 
@@ -167,6 +168,7 @@ def _fill_recording(
     for track in tracks:
         lines |= _plots_of(track, unit)
     lines |= plots
+    return_memory()  # rerun has its own
     extent = Extent(tracks)
     recording.send_blueprint(_make_layout(tracks, lines, extent))
     parts = [[("/", None, rr.ViewCoordinates.RIGHT_HAND_Z_UP)], _ground_parts(extent)]

@@ -433,7 +433,7 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        72_000,
+        72_100,
         66,
         266,
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on; "

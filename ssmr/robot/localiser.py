@@ -87,13 +87,22 @@ class Localiser:
                 poses' own.
 
         Returns:
-            (M, 3) poses of the tracked frame, held before the first and after the last.
+            (M, 3) poses of the tracked frame. A log may begin while the robot drives: before the
+            first pose and after the last the body goes on as there.
         """
-        clock = period * np.arange(len(body))
-        stamps = clock if t is None else t - t[0]
+        clock = period * np.arange(len(body), dtype=np.float64)
+        return self._late_poses(body, clock, clock if t is None else t - t[0])
+
+    def _late_poses(self, body: FloatArray, clock: FloatArray, stamps: FloatArray) -> FloatArray:
+        """Return (M, 3) poses at stamps of a log, of a body's at a clock, see `logged_poses`."""
+        table = np.column_stack([clock, body])
+        # ten thousand samples beyond its ends, longer than any delay, it moves as it did there
+        ends = table[[0, -1]]
+        ends += 1e4 * (ends - table[[1, -2]])
+        clock, *columns = np.vstack([ends[:1], table, ends[1:]]).T
 
         def at(late: float) -> FloatArray:
-            return np.column_stack([np.interp(stamps - late, clock, column) for column in body.T])
+            return np.column_stack([np.interp(stamps - late, clock, column) for column in columns])
 
         pose = self.seen_pose(at(self.position_late))
         if self.yaw_late != self.position_late:
@@ -110,7 +119,7 @@ class Localiser:
 
         Returns:
             The motion of the tracked frame at these stamps, linear between samples. Only the pose
-            is late: the first pose is held until the delay is over.
+            is late, see `logged_poses`.
         """
         stamps = motion.t if t is None else np.asarray(t, dtype=np.float64)
         clock = motion.t if t is None else motion.t + stamps[0]
@@ -134,7 +143,5 @@ class Localiser:
         """
         lever = rows[:, 5:6] * np.array([-self.tracked_y, self.tracked_x])
         velocity = rotate_world_to_body(rows[:, 3:5] + lever, self.tracked_yaw)
-        seen = [*self.seen_pose(rows[:, :3]).T, *velocity.T, *rows[:, 5:].T]
-        late = [self.position_late, self.position_late, self.yaw_late, *[0.0] * (len(seen) - 3)]
-        at = zip(late, seen, strict=True)
-        return np.column_stack([np.interp(t - wait, clock, column) for wait, column in at])
+        told = [np.interp(t, clock, column) for column in (*velocity.T, *rows[:, 5:].T)]
+        return np.column_stack([self._late_poses(rows[:, :3], clock, t), *told])

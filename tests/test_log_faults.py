@@ -346,10 +346,13 @@ def turned(
 def test_a_frame_that_turns_is_named_with_its_rates(
     place: float, yaw: float, about: complex
 ) -> None:
-    (fault,) = faults_of(turned(drive(), place, yaw, about)).faults
-    assert fault.kind == "frame"
+    measured = faults_of(turned(drive(), place, yaw, about))
+    (fault,) = measured.faults
     said = [float(number) for number in re.findall(r"by (-?[0-9.]+)", fault.sentence)]
     assert said == pytest.approx([place, yaw], abs=0.003)
+    named = ("frame", POSE_COLUMNS) if place else ("drift", ("yaw",))
+    assert (fault.kind, fault.columns) == named
+    assert measured.fatal
 
 
 def with_pose(
@@ -358,6 +361,68 @@ def with_pose(
     """The columns of a localiser ahead and to the side of the robot [m], with other headings."""
     place = columns["x"] + 1j * columns["y"] + (along + 1j * side) * np.exp(1j * columns["yaw"])
     return {**columns, "x": place.real, "y": place.imag, "yaw": yaw}
+
+
+def to_and_fro() -> dict[str, FloatArray]:
+    """Columns of a robot that drives backwards for a third of the time."""
+    columns = drive()
+    t = columns["t"]
+    v = np.where(t % 15.0 > 10.0, -0.4, columns["cmd_v"])
+    yaw = np.cumsum(columns["cmd_w"]) * DT
+    left, right = wheel_rates(v, columns["cmd_w"], 1.8 * EkfSettings.half_track, EkfSettings.radius)
+    noise = 0.003 * np.random.default_rng(4).standard_normal((3, len(t)))
+    place = np.cumsum(v * np.exp(1j * yaw)) * DT
+    moved = {"x": place.real + noise[0], "y": place.imag + noise[1], "yaw": yaw + noise[2]}
+    return {**columns, **moved, "cmd_v": v, "enc_left": left + noise[0], "enc_right": right}
+
+
+def test_rows_in_reverse_order_are_one_fault() -> None:
+    columns = to_and_fro()
+    backwards = {n: a if n == "t" else a[::-1] for n, a in columns.items()}
+    (fault,) = faults_of(backwards).faults
+    assert (fault.kind, fault.columns) == ("sign", POSE_COLUMNS)
+    assert "t runs backwards" in fault.sentence
+
+
+@pytest.mark.parametrize("name", ["x", "y"])
+@pytest.mark.parametrize("seconds", [0.6, 2.0, -1.0])
+def test_one_coordinate_alone_that_is_late_is_named_with_its_delay(
+    name: str, seconds: float
+) -> None:
+    (fault,) = faults_of(delayed(seconds, name)(to_and_fro())).faults
+    assert (fault.kind, fault.columns) == ("clock", (name,))
+    late = float(re.findall(r"[0-9.]+ s", fault.sentence)[0][:-2])
+    assert late == pytest.approx(abs(seconds), abs=0.21)
+
+
+@pytest.mark.parametrize("since", [25.0, 30.0, 45.0])
+def test_commands_that_are_not_obeyed_from_a_time_on_are_told_so(since: float) -> None:
+    columns = to_and_fro()
+    stops = columns["t"] > since
+    last = int(np.argmax(stops))
+    columns |= {n: np.where(stops, 0.0, columns[n]) for n in (*WHEELS, "gyro_z")}
+    noise = 0.003 * np.random.default_rng(6).standard_normal((3, len(stops)))
+    for name, extra in zip(POSE_COLUMNS, noise, strict=True):
+        columns[name] = np.where(stops, columns[name][last] + extra, columns[name])
+    (fault,) = faults_of(columns).faults
+    assert (fault.kind, fault.columns) == ("unrelated", TWIST)
+    assert fault.from_s == pytest.approx(since, abs=2.0)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, -2.5])
+def test_two_runs_in_one_log_are_a_jump_and_no_delay(turn: float) -> None:
+    columns = to_and_fro()
+    later = columns["t"] > 30.0
+    place = np.exp(1j * turn) * (columns["x"] + 1j * columns["y"]) + 5.0 - 3.0j
+    columns |= {
+        "x": np.where(later, place.real, columns["x"]),
+        "y": np.where(later, place.imag, columns["y"]),
+        "yaw": columns["yaw"] + turn * later,
+    }
+    measured = faults_of(columns)
+    assert measured.faults == ()
+    assert measured.jumps is not None
+    assert len(measured.jumps.t) == 1
 
 
 def sound_frames() -> dict[str, Spoil]:

@@ -22,7 +22,7 @@ import numpy as np
 from ssmr.types import FloatArray
 from validation.files.columns import column_of
 from validation.files.motion import ENCODERS, STOCK, motion_by_sensor
-from validation.files.sensors import Means, Signals
+from validation.files.sensors import FEWEST_WINDOWS, Means, Signals
 from validation.files.signals import correlation, sturdy_fit
 
 UNTOLD = 2.0
@@ -226,34 +226,40 @@ class Agreement:
         share = math.hypot(one.share, other.share)
         late = max(one.late, other.late)
         offset = max(one.offset, other.offset)
-        factor = _middle_ratio(x, y)
-        c = 0.0
         alike = correlation(x, y)
-        related = alike > _RELATED
-        costs = weights = np.ones(len(x))
         step_x, step_y = np.abs(np.gradient([x, y], self.period, axis=1))
-        for _ in range(_ROUNDS):
-            possible = min(max(factor, low), high)
-            fitted = factor if related else possible
-            z = x - c - fitted * y
-            size = np.max([np.abs(x), np.abs(fitted * y), rim], axis=0)
-            step = np.maximum(step_x, fitted * step_y)
-            floor = _FLOOR * _ranked(size, 0.9) + _STANDS[what]
-            variance = floor**2 + noise**2 + (share * size) ** 2 + (late * step) ** 2
-            costs = np.log1p(z**2 / variance)
-            weights = 1.0 / (variance + z**2)
-            of_y = float(np.sum(weights * y * y))
-            of_x = float(np.sum(weights * (x - c) ** 2))
-            if np.sum(weights * (x - c) * y) > 0.0:
-                factor = math.sqrt(of_x / max(of_y, 1e-12))
-            if offset:
+
+        related = alike > _RELATED
+
+        def fit_factor(factor: float, free: bool) -> tuple[FloatArray, float]:
+            """Return the costs with any factor, or one of those that are possible, and the best."""
+            c = 0.0
+            for _ in range(_ROUNDS):
+                possible = min(max(factor, low), high)
+                fitted = factor if free else possible
+                z = x - c - fitted * y
+                size = np.max([np.abs(x), np.abs(fitted * y), rim], axis=0)
+                step = np.maximum(step_x, fitted * step_y)
+                floor = _FLOOR * _ranked(size, 0.9) + _STANDS[what]
+                variance = floor**2 + noise**2 + (share * size) ** 2 + (late * step) ** 2
+                costs = np.log1p(z**2 / variance)
+                weights = 1.0 / (variance + z**2)
+                of_y = float(np.sum(weights * y * y))
+                of_x = float(np.sum(weights * (x - c) ** 2))
+                if np.sum(weights * (x - c) * y) > 0.0:
+                    factor = math.sqrt(of_x / max(of_y, 1e-12))
                 c = float(np.sum(weights * (x - fitted * y)) / np.sum(weights))
                 c = min(max(c, -offset), offset)
-        if related:
             # a factor beyond the possible ones, as far as it is sure
-            error = math.sqrt(2.0 * max(1.0 / alike**2 - 1.0, 0.0) / len(x))
-            beyond = max(0.0, abs(math.log(factor / possible)) - 2.0 * error)
-            costs = costs + _BEYOND * min(beyond, _MOST_BEYOND)
+            error = math.sqrt(2.0 * max(max(alike, _RELATED) ** -2 - 1.0, 0.0) / len(x))
+            beyond = max(0.0, abs(math.log(max(factor, 1e-9) / possible)) - 2.0 * error)
+            return costs + related * _BEYOND * min(beyond, _MOST_BEYOND), factor
+
+        costs, factor = found = fit_factor(_middle_ratio(x, y), free=related)
+        if related and not low < factor < high:
+            # it may be that of the greater part of a log, in which one of them stands
+            able = fit_factor(usual, free=False)
+            costs, factor = min(found, able, key=lambda fit: float(fit[0].sum()))
         cost[both] = costs
         ratio = max(factor, 1e-9) / usual if related else 1.0
         return SignalPair(what, a, b, columns, ratio, cost)
@@ -295,6 +301,17 @@ def is_ordinary(what: str, sensor: str, factor: float) -> bool:
     """Return whether a sensor may tell a rate times such a factor of the typical one."""
     below, above = _reach(_BOUNDS[what][sensor])
     return -below < math.log(factor) < above
+
+
+def fit_factors(basis: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the (k,) factors of (N, k) rates that sum up to (N,) values where all are known.
+
+    They are zeros where too little is.
+    """
+    known = np.isfinite(basis).all(axis=1) & np.isfinite(values)
+    if np.count_nonzero(known) < FEWEST_WINDOWS // 2:
+        return np.zeros(basis.shape[1])
+    return sturdy_fit(basis[known], values[known])
 
 
 def _ranked(values: FloatArray, share: float) -> float:

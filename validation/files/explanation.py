@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ssmr.geometry import integrate_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.agreement import UNTOLD, Agreement
+from validation.files.agreement import UNTOLD, Agreement, fit_factors
 from validation.files.columns import POSE_COLUMNS, column_of
 from validation.files.hypotheses import (
     GYRO,
@@ -28,7 +28,6 @@ from validation.files.hypotheses import (
     Idea,
     Mistake,
     find_delays,
-    fit_factors,
     join_names,
     list_bases,
     list_sensors,

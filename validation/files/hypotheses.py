@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
-from validation.files.agreement import Agreement, columns_of, is_ordinary
+from validation.files.agreement import Agreement, columns_of, fit_factors, is_ordinary
 from validation.files.columns import POSE_COLUMNS, UNITS, column_of
 from validation.files.motion import ENCODERS, ODOMETRY, STOCK, TWIST, Way
 from validation.files.names import as_option
-from validation.files.sensors import FEWEST_WINDOWS, LONGEST_S, OF_SPAN
+from validation.files.sensors import LONGEST_S, OF_SPAN
 from validation.files.signals import explain_share, find_peak, sturdy_fit
 
 ComplexArray = NDArray[np.complex128]
@@ -59,17 +59,6 @@ def join_names(names: Sequence[str], verb: str = "seem") -> str:
     return f"{' and '.join(names)} {verb}{'s' * (len(names) == 1)}"
 
 
-def fit_factors(basis: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the (k,) factors of (N, k) rates that sum up to (N,) values where all are known.
-
-    They are zeros where too little is.
-    """
-    known = np.isfinite(basis).all(axis=1) & np.isfinite(values)
-    if np.count_nonzero(known) < FEWEST_WINDOWS // 2:
-        return np.zeros(basis.shape[1])
-    return sturdy_fit(basis[known], values[known])
-
-
 def list_sensors(names: Blamed) -> set[str]:
     """Return the sensors whose columns these are; time is of none."""
     return {column_of(name).group for name in names if name != "t"}
@@ -103,6 +92,9 @@ def _list_swaps() -> Iterator[tuple[str, Blamed, str, _Sources, float | None]]:
     yield "sign", ("yaw",), clockwise, signed("yaw"), 0.0
     backwards = "to be half a turn apart: the robot drives backwards"
     yield "sign", POSE_COLUMNS, backwards, signed(*PLACE), 0.0
+    reverse = "to go backwards while the heading is right: t runs backwards, from the last row on"
+    heads = {"heading": {"heading": 1.0}}
+    yield "sign", POSE_COLUMNS, reverse, {**signed(*POSE_COLUMNS), **heads}, 0.0
     for a, b in (ENCODERS, PLACE, TWIST, ODOMETRY):
         yield "swapped", (a, b), "to be swapped", {a: {b: 1.0}, b: {a: 1.0}}, 0.0
     left, right = ENCODERS
@@ -134,7 +126,7 @@ def _swapped_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             name: np.sum([factor * e.means[source] for source, factor in parts.items()], axis=0)
             for name, parts in sources.items()
         }
-        if "yaw" in sources:
+        if "yaw" in sources and "heading" not in sources:
             heading = sources["yaw"]["yaw"] * e.means["heading"]
             turn = _path_angle(e, heading) if rotation is None else rotation
             changed["heading"] = heading + (turn or 0.0)
@@ -214,8 +206,9 @@ def _turning_frames(e: Agreement, names: Blamed) -> Iterator[Idea]:
         f"x and y turn by {turn[0]:z.3f} rad/s against the others, and yaw by {own:z.3f}, evenly: "
         "the localiser's frame turns, or its heading adds up a gyro's offset"
     )
-    changed = {"x": path.real, "y": path.imag, "yaw": e.means["yaw"] - own, "heading": still}
-    yield Idea("frame", names, words, e.but(changed), 5.0)
+    turned = {"yaw": e.means["yaw"] - own, "heading": still}
+    yield Idea("drift", ("yaw",), words, e.but(turned), 2.0)
+    yield Idea("frame", names, words, e.but({**turned, "x": path.real, "y": path.imag}), 5.0)
 
 
 def _curved_rates(e: Agreement, names: Blamed) -> Iterator[Idea]:
@@ -486,13 +479,15 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
     parts = max(6, round(float(np.ptp(t)) / 20.0))
     starts = np.linspace(0, len(t), parts + 1).astype(int)[:-1]
     late, sure = find_delays(e, ways, starts.tolist())
-    whole = find_delays(e, ways, [0])[0]
+    whole, explained = find_delays(e, ways, [0])
     longest = OF_SPAN * float(np.ptp(t))
     known = (sure > _SURE) & (np.abs(late) < longest / parts)
-    lags = [*late[known][:1], *late[known][-1:], *whole[np.abs(whole) < longest]]
+    near = (np.abs(whole) < longest) & (explained > 0.5)
+    lags = [*late[known][:1], *late[known][-1:], *whole[near]]
     # the delay that is taken out of a group may be between those of its columns
     mates_ways = {name: e.signals.ways[name] for name in others}
-    ahead = find_delays(e, mates_ways, [0])[0].item() if others else -taken
+    of_mates = find_delays(e, mates_ways, [0])[0].tolist() if others else []
+    ahead = next((lag for lag in of_mates if abs(lag) < longest), -taken)
     for lag in {round(lag, 1): lag for lag in np.array(lags).tolist()}.values():
         off = lag - ahead
         if not abs(off) > least:
@@ -594,7 +589,7 @@ MISTAKES: Sequence[Mistake] = (
     (_one_of_two, (PLACE, ENCODERS)),
     (_trends_of_columns, (GYRO, ("odom_w",), PLACE, ENCODERS)),
     (_time_unit, (POSE_COLUMNS,)),
-    (_other_clocks, SUBJECTS),
+    (_other_clocks, (*SUBJECTS, ("x",), ("y",))),
     (_smoothed_columns, (GYRO, PLACE, POSE_COLUMNS, ENCODERS, ODOMETRY, ("yaw",))),
 )
 """The mistakes of meaning and of time, and the columns that each may be in."""

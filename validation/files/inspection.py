@@ -223,7 +223,11 @@ class Inspected(Signals):
     @property
     def fatal(self) -> list[LogFault]:
         """Those of them with which no fit makes sense."""
-        return [fault for fault in self.unsolved if fault.kind in _FATAL]
+        return [
+            fault
+            for fault in self.unsolved
+            if fault.kind in _FATAL or (fault.kind, fault.columns) == ("drift", ("yaw",))
+        ]
 
     @cached_property
     def sound_part(self) -> tuple[float, float] | None:

@@ -325,6 +325,8 @@ def _group_delay(
     speeds = np.zeros((len(middles), len(lags)))
     for name in moved[0]:
         values = np.column_stack([means[name] for means in moved])
+        most = np.percentile(np.abs(values), 98.0)
+        values = np.clip(values, -most, most)  # a localiser that jumps tells no motion
         if name in ("x", "y"):
             speeds += values**2
         elif name != "heading":

@@ -160,10 +160,9 @@ def horizon_errors(position: ArrayLike, yaw: ArrayLike, n_standing: int = 0) -> 
     Raises:
         ValueError: there is no window, lengths differ, or a number is not finite.
     """
-    p, r = _error_sizes(position, yaw)
-    p50, p95 = map(float, np.percentile(p, (50.0, 95.0)))
-    r50, r95 = map(float, np.percentile(r, (50.0, 95.0)))
-    return HorizonErrors(len(p), p50, p95, r50, r95, n_standing)
+    sizes = _error_sizes(position, yaw)
+    (p50, p95), (r50, r95) = np.percentile(sizes, (50.0, 95.0), axis=1).T.tolist()
+    return HorizonErrors(len(sizes[0]), p50, p95, r50, r95, n_standing)
 
 
 def _error_sizes(position: ArrayLike, yaw: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -93,7 +93,7 @@ class PartedPlant(BodyPlant):
 
     channels: Callable[[CommandKind], ChannelColumns]
     """Function of the kind of commands that returns the columns of channels behind a `State`'s."""
-    run_parts: Callable[[Commands, State, float, FloatArray | None], Iterator[FloatArray]]
+    run_parts: Callable[..., Iterator[FloatArray]]
     """Function that yields the (m, k) samples of a `run` part by part, from the same arguments."""
 
     def run(

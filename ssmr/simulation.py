@@ -21,7 +21,7 @@ from ssmr.errors import DivergedError
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PlanarRobot, advance, law_of
 from ssmr.parameters import pack_numbers
-from ssmr.robot.bodies import PartedPlant
+from ssmr.robot.bodies import BodyPlant
 from ssmr.robot.drive import (
     Sides,
     advance_integral,
@@ -267,7 +267,7 @@ class PlanarBodies:
             )
 
 
-class PlanarPlant(PartedPlant):
+class PlanarPlant(BodyPlant):
     """A planar model as a `Plant`."""
 
     def __init__(self, model: PlanarModel, dt: float = PLANAR_DT) -> None:
@@ -298,7 +298,7 @@ class PlanarPlant(PartedPlant):
     def run_parts(
         self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None
     ) -> Iterator[FloatArray]:
-        """Yield the samples of parts of a run, see `PartedPlant`."""
+        """Yield the samples of parts of a run, see `BodyPlant`."""
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         steps = commands.n * whole_steps(commands.dt, self.dt, "the command period")
         push = step_pushes(disturbance, steps)

@@ -47,6 +47,12 @@ class BodyPlant:
     """Physics step [s]."""
     drive: Drive
     """Saturation, delays and conversions between command and wheels."""
+    channels: Callable[[CommandKind], ChannelColumns]
+    """Function of the kind of commands that returns the columns of channels behind a `State`'s; of
+    plants whose runs come in parts."""
+    run_parts: Callable[..., Iterator[FloatArray]]
+    """Function that yields the (m, k) samples of a `run` part by part, from the same arguments, so
+    that hours of them need not be held at once; of plants whose runs come in parts."""
     _driver: Driver | None = None
 
     def make_bodies(self, plants: Sequence[Any], state: State, workers: int = 1) -> Bodies:
@@ -83,19 +89,6 @@ class BodyPlant:
             raise DivergedError(f"{self.name} gave up: no finite state", state=self._now)
         return self._read()
 
-    def _read(self) -> State:
-        self._now = State(*self._bodies.states()[0, :8].tolist())
-        return self._now
-
-
-class PartedPlant(BodyPlant):
-    """A plant whose runs come part by part, so that hours of samples need not be held at once."""
-
-    channels: Callable[[CommandKind], ChannelColumns]
-    """Function of the kind of commands that returns the columns of channels behind a `State`'s."""
-    run_parts: Callable[..., Iterator[FloatArray]]
-    """Function that yields the (m, k) samples of a `run` part by part, from the same arguments."""
-
     def run(
         self,
         commands: Commands,
@@ -112,3 +105,7 @@ class PartedPlant(BodyPlant):
         """
         table = np.vstack(list(self.run_parts(commands, state, sample_dt, disturbance)))
         return Trajectory.of_table(sample_dt, table, self.channels(commands.kind))
+
+    def _read(self) -> State:
+        self._now = State(*self._bodies.states()[0, :8].tolist())
+        return self._now

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ssmr.robot.bodies import PartedPlant
+from ssmr.robot.bodies import BodyPlant
 from ssmr.robot.drive import motor_numbers
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.sensors import yaw_disturbance
@@ -84,7 +84,7 @@ def drive_piece(
     start = localiser.body_state(piece.start)
     drive = piece.commands, start, sample_dt, push
     t = piece.t
-    if t is None or not isinstance(plant, PartedPlant):
+    if t is None or not (isinstance(plant, BodyPlant) and hasattr(plant, "run_parts")):
         return localiser.seen(plant.run(*drive), t)
     table = np.vstack(list(_see_parts(plant.run_parts(*drive), localiser, sample_dt, t)))
     return Trajectory.of_table(t, table, plant.channels(piece.commands.kind))

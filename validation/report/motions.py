@@ -26,14 +26,7 @@ from validation.output import Document, one_line
 from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.driven import DrivenRobots, GivenCommands
-from validation.report.scene_robots import (
-    Plots,
-    Series,
-    Track,
-    join_signals,
-    shades_of,
-    thin_line,
-)
+from validation.report.scene_robots import Plots, Series, Track, shades_of
 from validation.report.table import Table
 from validation.simulator.description import WHEELS
 from validation.simulator.health import health_verdict
@@ -294,17 +287,17 @@ class Motions(DrivenRobots):
 
     def _command_plots(self) -> Plots:
         """Commands over time, as a recording's plots have them."""
-        given = zip(*self._given(), strict=True)
-        t, values = (thin_line(join_signals(parts)) for parts in given)
+        t, values = (np.concatenate(parts) for parts in zip(*self._given(), strict=True))
         if not self.commanded():
             names = ["left commanded", "right commanded"]
             inks = shades_of(_COMMANDED)
-            return {"wheel_rate/commanded": Series(names, "rad/s", inks, t, values, held=True)}
+            given = Series(names, "rad/s", inks, t, values, held=True)
+            return {"wheel_rate/commanded": given.thinned()}
         plots = {}
         for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
             plots[f"{quantity}/commanded"] = Series(
                 ["commanded"], unit, [_COMMANDED], t, values[:, column], held=True
-            )
+            ).thinned()
         return plots
 
 

@@ -50,7 +50,6 @@ from validation.report.scene_robots import (
     bright_colour,
     looks_of,
     shades_of,
-    thin_line,
 )
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
@@ -357,7 +356,8 @@ def _line_parts(entity: str, series: Series, gaps: FloatArray) -> _Parts:
     names = list(series.names)
     colours = list(series.colours)
     yield entity, None, rr.SeriesLines(names=names, colors=colours, interpolation_mode=mode)
-    yield entity, thin_line(series.t), rr.Scalars.columns(scalars=thin_line(series.values))
+    shown = series.thinned()
+    yield entity, shown.t, rr.Scalars.columns(scalars=shown.values)
     if len(gaps):
         yield entity, gaps, rr.Clear.columns(is_recursive=[False] * len(gaps))
 
@@ -397,7 +397,7 @@ def _plots_of(track: Track, length: Unit) -> Plots:
         lines.append((f"yaw_error/{name}", "deg", np.degrees(turn), alone))
     # here already: all lines of hours would fill the memory
     return {
-        entity: Series(names, unit, colours, thin_line(track.t), thin_line(values))
+        entity: Series(names, unit, colours, track.t, values).thinned()
         for entity, unit, values, (names, colours) in lines
         if values is not None
     }

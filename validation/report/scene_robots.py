@@ -110,12 +110,12 @@ class Track:
     @cached_property
     def t(self) -> FloatArray:
         """(M,) stamps [s]."""
-        return join_signals([p.t for p in self.pieces])
+        return _join_signals([p.t for p in self.pieces])
 
     @cached_property
     def pose(self) -> FloatArray:
         """(M, 3) poses [m, m, rad]."""
-        return join_signals([p.pose for p in self.pieces])
+        return _join_signals([p.pose for p in self.pieces])
 
     @property
     def body(self) -> FloatArray:
@@ -163,17 +163,12 @@ class Track:
         """Return a channel over all samples; None where a piece lacks it."""
         if not all(name in p.channels for p in self.pieces):
             return None
-        return join_signals([p.channels[name] for p in self.pieces])
+        return _join_signals([p.channels[name] for p in self.pieces])
 
 
-def join_signals(parts: Sequence[FloatArray]) -> FloatArray:
+def _join_signals(parts: Sequence[FloatArray]) -> FloatArray:
     """Return parts in a row; one alone is not copied."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
-def thin_line(values: FloatArray) -> FloatArray:
-    """Return a copy of the samples of a line over time that are shown, fewer of very many."""
-    return values[:: math.ceil(len(values) / MOST_SAMPLES)].copy()
 
 
 def bright_colour(name: str) -> Rgb:
@@ -198,6 +193,11 @@ class Series(NamedTuple):
     """(M,) or (M, k)."""
     held: bool = False
     """True where each value holds until the next, as commands do."""
+
+    def thinned(self) -> Series:
+        """Return a copy of the samples that are shown, fewer where there are very many."""
+        every = slice(None, None, math.ceil(len(self.t) / MOST_SAMPLES))
+        return self._replace(t=self.t[every].copy(), values=self.values[every].copy())
 
 
 Plots = dict[str, Series]

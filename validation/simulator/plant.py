@@ -20,7 +20,7 @@ from ssmr.geometry import (
     rotate_world_to_body,
     yaw_to_quat_wxyz,
 )
-from ssmr.robot.bodies import PartedPlant
+from ssmr.robot.bodies import BodyPlant
 from ssmr.robot.drive import motor_numbers, reference_chunks, step_pushes, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import ChannelColumns, CommandKind, Commands, FloatArray, State
@@ -57,7 +57,7 @@ _TURN = 2.0 * np.pi
 stop_the_stopwatch()
 
 
-class MujocoPlant(PartedPlant):
+class MujocoPlant(BodyPlant):
     """A calibrated robot on its ground."""
 
     name = "mujoco"
@@ -191,7 +191,7 @@ class MujocoPlant(PartedPlant):
     def run_parts(
         self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None
     ) -> Iterator[FloatArray]:
-        """Yield the samples of parts of a run by `mujoco.rollout`, see `PartedPlant`."""
+        """Yield the samples of parts of a run by `mujoco.rollout`, see `BodyPlant`."""
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         spec = mujoco.mjtState.mjSTATE_CTRL
         if disturbance is not None:

@@ -532,7 +532,7 @@ PRICES = {
         "answers: contact of a robot with its weight in the middle, transfer, drive train",
     ),
     "validation/experiment": Price(
-        15_500,
+        15_600,
         9,
         54,
         "scenarios and logs that plants are driven along, their runs and scores (what comparison, "

@@ -326,7 +326,7 @@ def model_of(n: int) -> tuple[FloatArray, FloatArray]:
     return _step_responses(STEPS[0][:n]), _step_responses(STEPS[1][:n])
 
 
-def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray, slip: float) -> FloatArray:
+def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray) -> FloatArray:
     """The (7,) robot after step k of a plan: x, y, yaw, v, w and both lagged references."""
     x, y, yaw, v, w, lagged_v, lagged_w = now
     inputs = np.array(
@@ -334,20 +334,17 @@ def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray, slip: float)
     )
     (way, v, l_v), (angle, w, l_w) = (STEPS[i][k] @ inputs[i] for i in (0, 1))
     heading = yaw + 0.5 * angle
-    aside = slip * angle
-    x = x + way * np.cos(heading) - aside * np.sin(heading)
-    y = y + way * np.sin(heading) + aside * np.cos(heading)
+    x = x + way * np.cos(heading)
+    y = y + way * np.sin(heading)
     return np.array([x, y, yaw + angle, v, w, l_v / gains[0], l_w / gains[1]])
 
 
 Start = tuple[Observation, DriverEstimate]
 
 
-def start_of(
-    body: FloatArray, gain_v: float = 1.0, gain_w: float = 1.0, slip: float = 0.0
-) -> Start:
+def start_of(body: FloatArray, gain_v: float = 1.0, gain_w: float = 1.0) -> Start:
     """A robot at the start of a plan: its motion, then both lagged references."""
-    driver = DriverEstimate(0.0, 0.0, *map(float, body[5:]), gain_v, gain_w, slip)
+    driver = DriverEstimate(0.0, 0.0, *map(float, body[5:]), gain_v, gain_w, 0.0)
     return Observation(*map(float, body[:5])), driver
 
 
@@ -357,7 +354,7 @@ def motion(start: Start, plan: FloatArray) -> list[FloatArray]:
     seen, driver = start
     now = np.array([*seen, driver.lagged_v, driver.lagged_w])
     for k, u in enumerate(plan):
-        now = step(now, u, k, np.array([driver.gain_v, driver.gain_w]), driver.slip)
+        now = step(now, u, k, np.array([driver.gain_v, driver.gain_w]))
         bodies.append(now)
     return bodies
 
@@ -365,7 +362,7 @@ def motion(start: Start, plan: FloatArray) -> list[FloatArray]:
 @cache
 def example() -> tuple[Start, FloatArray]:
     """A robot in a bend, and commands."""
-    start = start_of(np.array([0.3, -0.2, 0.4, 0.45, 0.3, 0.5, 0.4]), 0.95, 0.9, -0.05)
+    start = start_of(np.array([0.3, -0.2, 0.4, 0.45, 0.3, 0.5, 0.4]), 0.95, 0.9)
     return start, np.random.default_rng(3).uniform([0.2, -0.8], [0.7, 0.8], (6, 2))
 
 
@@ -478,12 +475,12 @@ def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
     for k in reversed(range(8)):
         now = level if k == 0 else on_line[k - 1]
         small = 1e-6
-        here = step(now, plan[k], k, none, 0.0)
+        here = step(now, plan[k], k, none)
         a = np.array(
-            [(step(now + small * e, plan[k], k, none, 0.0) - here) / small for e in np.eye(7)]
+            [(step(now + small * e, plan[k], k, none) - here) / small for e in np.eye(7)]
         ).T
         b = np.array(
-            [(step(now, plan[k] + small * e, k, none, 0.0) - here) / small for e in np.eye(2)]
+            [(step(now, plan[k] + small * e, k, none) - here) / small for e in np.eye(2)]
         ).T
         inside = p + q
         gain = np.linalg.solve(np.diag([gains.r_v, gains.r_w]) + b.T @ inside @ b, b.T @ inside @ a)
@@ -555,8 +552,10 @@ def test_mpc_is_calm_on_a_fast_straight_line() -> None:
     way = line(0.8)
     robot = make_robot(lab, "improved")
     law = make_controller(lab, load_gains("mpc"))
-    (run,) = run_robots([robot], [law], [LoopSettings()], way, [3])
-    assert not run.lost
-    assert track_metrics(run, way, robot.limits)["d_rms_m"] < 0.01
-    turning = run.column("w_cmd")[run.t > 3.0]  # motors at their limit have brought it to speed
-    assert float(np.sqrt(np.mean(turning**2))) < 0.2
+    runs = run_robots([robot] * 4, [law] * 4, [LoopSettings()] * 4, way, [3, 4, 5, 6])
+    off = [track_metrics(run, way, robot.limits)["d_rms_m"] for run in runs]
+    assert np.mean(off) < 0.01  # from 1 to 21 mm by the noise
+    for run in runs:
+        assert not run.lost
+        turning = run.column("w_cmd")[run.t > 3.0]  # motors at their limit have brought it to speed
+        assert float(np.sqrt(np.mean(turning**2))) < 0.2

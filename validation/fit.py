@@ -294,7 +294,7 @@ class Fitted(SearchReport):
         truth = [true_motion(piece) for source in self.problem.sources for piece in source.pieces]
         return replace(
             self.base,
-            name=self.asked.name or f"{self.base.name}-fitted",
+            name=self.asked.name or f"{self.base.name.removesuffix('-fitted')}-fitted",
             description=before + _FITTED + "; ".join([*filter(None, kept), fitted]),
             plants={**self.base.plants, self.model: self.plant},
             provenance={**self.base.provenance, self.model: fits},

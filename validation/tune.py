@@ -335,6 +335,8 @@ def tune(o: Tune) -> Tuned:
     bounds = cli.read_value(o.bounds)
     space = make_tuning_space(o.controller, o.free, o.all, bounds, o.fix, begun)
     law = LAWS[o.controller]
+    for remark in profile.unfitted(o.plant):
+        cli.warn_user(remark)
     robots = [make_robot(profile, name) for name in o.plant]
     simulated = any(name in SIMULATED for name in o.plant)
     usual = _SIMULATED_SIZE if simulated else JdeSettings(law.population, law.generations)
@@ -391,6 +393,7 @@ def _report_tuning(
     for case in problem.cases:
         remarks.append(demand_of(case.waypoints, case.robot, profile.name, case.reference))
     notes = [remark for remark in remarks if remark is not None]
+    notes += profile.unfitted(o.plant)
     values = [base.values[name] for name in space.names]
     before = problem.cost_of(base, threads)
     kept = problem.gains(search.best)

@@ -56,8 +56,9 @@ as much."""
 _CLOCK_SPEED = 0.03
 """Speed by which the clock draws the place on the path along where the robot does not say it
 [m/s]."""
-_SLOWER = 1.0 - 1e-6
-"""Share of a target's speed below which it is slower: not by rounding [1]."""
+_PLACE_TIME = 0.2
+"""Time constant with which that place follows the robot [s]: it goes on by as much ahead of one
+that stands, and draws it along."""
 _JUMP = 0.6
 """Greatest change of that place from one command to the next, but for its motion [s]."""
 _KEPT = 2.0
@@ -69,10 +70,8 @@ which time was as certain as `Mpc.margin`."""
 _HEADING_TIME = 0.2
 """Time over which the target's heading is averaged [s]: waypoints turn it in jumps, more in one
 step than in the next."""
-_BEYOND = 100.0
-"""Time before and after the reference for which its ends hold [s]."""
-_SLOWEST = 0.1
-"""A target slower than this has no slip angle [m/s]."""
+_STANDS = 1e-6
+"""Way in which a path has no heading of its own: its target stands [m]."""
 
 
 @dataclass(frozen=True)
@@ -173,9 +172,8 @@ def _planned_motion(
     heading = yaw - 0.5 * angle
     c = np.cos(heading)
     s = np.sin(heading)
-    aside = driver.slip * angle
-    dx = way * c - aside * s
-    dy = way * s + aside * c
+    dx = way * c
+    dy = way * s
     x = start.x + np.cumsum(dx)
     y = start.y + np.cumsum(dy)
     pose = np.column_stack([x, y, yaw])
@@ -185,12 +183,11 @@ def _planned_motion(
     way_slope[:, 0::2] = driver.gain_v * along[:, 2:]
     angle_slope[:, 1::2] = driver.gain_w * turn[:, 2:]
     yaw_slope = np.cumsum(angle_slope, axis=0)
-    aside_slope = driver.slip * angle_slope
     heading_slope = yaw_slope - 0.5 * angle_slope
     c = c[:, None]
     s = s[:, None]
-    dx_slope = c * way_slope - s * aside_slope - dy[:, None] * heading_slope
-    dy_slope = s * way_slope + c * aside_slope + dx[:, None] * heading_slope
+    dx_slope = c * way_slope - dy[:, None] * heading_slope
+    dy_slope = s * way_slope + dx[:, None] * heading_slope
     x_slope = np.cumsum(dx_slope, axis=0)
     y_slope = np.cumsum(dy_slope, axis=0)
     return pose, np.stack([x_slope, y_slope, yaw_slope])
@@ -294,28 +291,25 @@ class Mpc:
         self._limits[0] = min(model.v_max, (1.0 + _HASTE) * fastest * float(self._steady[0]))
         accelerations = np.minimum([model.acceleration_v, model.acceleration_w], 1e6)
         self._changes = np.outer(self._lengths[1:], accelerations)
-        around = model.horizon + ends[-1] + _BEYOND
-        end = course["t"][-1] + around
-        self._times = np.concatenate([[-around], course["t"], [end]])
-        headings = course["heading"]
-        headings = np.append(headings[0], headings)
-        turned = headings * np.diff(self._times)
-        self._turned = np.cumulative_sum(turned, include_initial=True)  # integral [rad s]
         # a leg begins where the target goes back, by more than a right angle
         moves = course[course["v"] != 0.0]
         ways = np.sign(moves["v"]) * np.exp(1j * moves["heading"])
         back = (ways[1:] * ways[:-1].conj()).real < 0.0
         self._legs = np.concatenate([[-math.inf], moves["t"][1:][back], [math.inf]])
-        # from when on the target slows down until it rests or goes back; half a plan before it
-        # goes back at once, because the plan goes back earlier
-        sizes = np.abs(course["v"])
-        stands = (sizes == 0.0) | np.isin(course["t"], self._legs)
-        at = 1 + np.flatnonzero(stands[1:] & (sizes[:-1] > 0.0))
-        slower = np.append(False, sizes[1:] < sizes[:-1] * _SLOWER)
-        fastest_at = np.maximum.accumulate(np.where(slower, 0, np.arange(len(course))))
-        slows = course["t"][np.minimum(fastest_at[at - 1] + 1, at)]
-        self._rests = course["t"][at]
-        self._brakes = np.minimum(slows, self._rests - 0.5 * ends[-1] * (sizes[at] > 0.0))
+        # stretches on which it is driven in one sense, and the integral of headings by way
+        self._stamps = course["t"]
+        lengths = np.abs(course["v"][:-1]) * np.diff(self._stamps)
+        self._ways = np.cumulative_sum(lengths, include_initial=True)
+        self._turned_on_way = np.cumulative_sum(
+            lengths * course["heading"][:-1], include_initial=True
+        )
+        changes = np.flatnonzero(np.diff(np.sign(course["v"])))
+        self._stretches = np.concatenate([[-math.inf], self._stamps[1 + changes], [math.inf]])
+        self._bounds = np.interp(self._stretches, self._stamps, self._ways)
+        # the clock leads within half a plan before the target rests or goes back
+        stands = (course["v"] == 0.0) | np.isin(course["t"], self._legs)
+        self._rests = course["t"][1:][stands[1:] & (course["v"][:-1] != 0.0)]
+        self._brakes = self._rests - 0.5 * ends[-1]
         self._steps = np.eye(2 * n) - np.eye(2 * n, k=-2)
         self._solver: Any = daqp.Model()
         self._plan: FloatArray | None = None
@@ -350,7 +344,7 @@ class Mpc:
         known = _TURNING**2 / self._mission.period
         return math.sqrt((self._errors + known * self.margin**2) / (self._turns + known))
 
-    def _follow_path(self, now: ControllerInput) -> FloatArray:
+    def _follow_path(self, now: ControllerInput, start: Observation) -> FloatArray:
         """Return the times of the path [s] for which the steps of a plan aim.
 
         The plan begins at the place of the path that is nearest to the robot when the command acts,
@@ -363,13 +357,14 @@ class Mpc:
         place = at
         if math.isfinite(self._place):
             place = self._place + self._rate * (at - self._acted_at)
-        aim = self._mission.target(place)
         leg = int(np.searchsorted(self._legs, place, side="right"))
-        dx = now.ahead.x - aim.x
-        dy = now.ahead.y - aim.y
-        along = dx * math.cos(aim.heading) + dy * math.sin(aim.heading) + self._mission.lookahead
+        (aim,) = self._aims_at(np.array([place]), now.driver.slip)
+        dx = start.x - aim[0]
+        dy = start.y - aim[1]
+        along = dx * math.cos(aim[2]) + dy * math.sin(aim[2])
         braking = np.any((self._brakes <= place) & (place < self._rests))
-        step = 0.0 if braking else along * aim.v / (aim.v**2 + _CLOCK_SPEED**2)
+        step = 0.0 if braking else along * aim[3] / (aim[3] ** 2 + _CLOCK_SPEED**2)
+        step *= self._mission.period / _PLACE_TIME
         place += min(max(step, -_JUMP), _JUMP)
         place = min(max(place, float(self._legs[leg - 1])), float(self._legs[leg]))
         self._place = place
@@ -387,29 +382,27 @@ class Mpc:
     def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the first command of the best plan."""
         driver = now.driver
-        times = self._follow_path(now)
+        # Plans are of the robot's point that never moves aside. For its middle, turning to where
+        # it has to go would first lead away from there, and standing still would seem best.
+        x = now.ahead.x - driver.slip * math.cos(now.ahead.yaw)
+        y = now.ahead.y - driver.slip * math.sin(now.ahead.yaw)
+        start = now.ahead._replace(x=x, y=y)
+        times = self._follow_path(now, start)
         share = (now.acts_at - now.seen_at) / (self._mission.dead_time + self.margin)
         self._predicted.append((now.acts_at, now.ahead.yaw, now.ahead.w**2 * share))
-        headings = self._mean_headings(times)
-        aims = self._mission.preview(times)[:, :3]
-        dx, dy = np.diff(aims[:, :2], axis=0).T
-        chords = np.hypot(dx, dy)
-        forwards = np.sign(dx * np.cos(headings[1:]) + dy * np.sin(headings[1:]))
-        speeds = np.column_stack([forwards * chords, np.diff(headings)]) / self._lengths[:, None]
+        aims = self._aims_at(times, driver.slip)[:, :3]
+        dx, dy, turns = np.diff(aims, axis=0).T
+        headings = aims[1:, 2]
+        ways = dx * np.cos(headings) + dy * np.sin(headings)
+        speeds = np.column_stack([ways, turns]) / self._lengths[:, None]
         steady = speeds * self._steady / (driver.gain_v, driver.gain_w)
         steady = np.clip(steady, -self._limits, self._limits)
-        directions = np.column_stack([np.cos(headings), np.sin(headings)])
-        aims[:, :2] -= self._mission.lookahead * directions
-        aims[:, 2] = headings
-        # A robot that slips goes round bends at an angle.
-        aside = driver.slip * speeds[:, 1] * forwards
-        aims[1:, 2] -= aside / np.maximum(np.abs(speeds[:, 0]), _SLOWEST)
         plan = steady[1:]
         if self._plan is not None:  # the last one, one period later: of each long step half is over
             later = np.vstack([self._plan[1:], self._plan[-1:]])
             middles = 0.5 * (later[:-1] + later[1:])
             plan = np.vstack([later[:1], middles])
-        motion = _planned_motion(now.ahead, driver, plan, self._model)
+        motion = _planned_motion(start, driver, plan, self._model)
         last = now.past[-1]
         doubts = (self.spread / self._lengths[1:]) ** 2
         h, f = _condense_plan(
@@ -419,12 +412,28 @@ class Mpc:
         self._plan = self._solve(h, f, plan, before)
         return float(self._plan[0, 0]), float(self._plan[0, 1])
 
-    def _mean_headings(self, times: FloatArray) -> FloatArray:
-        """Return the target's headings [rad], averaged over `_HEADING_TIME` about the times [s]."""
+    def _aims_at(self, times: FloatArray, slip: float) -> FloatArray:
+        """Return (n, 5) the targets at (n,) path times [s] of the point that never moves aside.
+
+        It is `slip` [m] behind the robot's middle. So with the middle on the path the robot goes
+        round bends at an angle, and begins to turn before them: by theta' = (phi - theta) / slip
+        per way, whose bounded solution is a mean of the path's headings phi from here on. They are
+        averaged over `_HEADING_TIME` and twice that distance, as far as the path goes on. Columns
+        are those of `Mission.preview`.
+        """
+        aims = self._mission.preview(times)
+        reach = -2.0 * slip * np.sign(aims[:, 3])
         half = 0.5 * _HEADING_TIME
-        ends = np.stack([times - half, times + half])
-        before, after = np.interp(ends, self._times, self._turned, left=np.nan, right=np.nan)
-        return np.asarray((after - before) / _HEADING_TIME)
+        places = np.interp([times - half, times + half], self._stamps, self._ways)
+        places += np.minimum(reach, 0.0), np.maximum(reach, 0.0)
+        stretch = np.searchsorted(self._stretches, times, side="right")
+        begin, end = places.clip(self._bounds[stretch - 1], self._bounds[stretch])
+        first, last = np.interp([begin, end], self._ways, self._turned_on_way)
+        way = end - begin
+        np.divide(last - first, way, out=aims[:, 2], where=way > _STANDS)
+        directions = np.column_stack([np.cos(aims[:, 2]), np.sin(aims[:, 2])])
+        aims[:, :2] -= (self._mission.lookahead + slip) * directions
+        return aims
 
     def _solve(
         self, h: FloatArray, f: FloatArray, plan: FloatArray, before: FloatArray

@@ -34,6 +34,9 @@ _ROUNDING = 1e-9
 _MEMORY = 1.0
 """Time over which a predictor averages how the robot differs from its model [s]: longer than the
 robot's own time constants, and about that of a bend."""
+_LONG = 10.0
+"""Time of the means from which those over `_MEMORY` begin [s]: a model that is wrong from the first
+bend to the last shows there even at yaw rates that one bend alone does not tell from pushes."""
 _LEAST_V = 0.1
 """Speed from which on the robot's differences count for more than the model [m/s]."""
 _LEAST_W = 0.2
@@ -43,7 +46,7 @@ _STEADY_V = 0.5
 _STEADY_W = 3.0
 """Change of yaw rate at which an observation counts half [rad/s2]."""
 _GAINS_V = (0.8, 1.2)
-_GAINS_W = (0.5, 1.5)
+_GAINS_W = (0.2, 5.0)
 _SLIPS = (-0.3, 0.3)
 """Bounds of the learnt gains of speed and of yaw rate [1] and of the learnt slip [m]. Tyres roll on
 up to 13 % less than the driver's radius. A robot with less than 0.8 of its model's speed still
@@ -121,7 +124,8 @@ _EARLY = 17
 _GRID_AT = 23
 _SEEN = 24
 _SQUARES = 26
-_HISTORY = 29
+_LASTING = 29
+_HISTORY = 34
 _SUMS = _HISTORY + 2 * _KEPT + 2 * (1 + _BACK)
 MEMORY_NUMBERS = _SUMS + 4 * _SHIFTS
 """Length of the row of numbers that a predictor remembers beside the commands, in this order:
@@ -137,6 +141,7 @@ MEMORY_NUMBERS = _SUMS + 4 * _SHIFTS
 - time of the newest sample of this model [s]
 - speed and yaw rate of the robot when it was seen last
 - sums of the squares of the robot's differences, of speed and of yaw rate, and of samples
+- the five means over `_LONG`
 - newest samples, the newest first: (2, `_KEPT`) of this model, (2, 1 + `_BACK`) of the robot
 - (2, 2, `_SHIFTS`) for speed and yaw rate sums of this model's squares, and of its products with
   the robot's.
@@ -147,10 +152,6 @@ _SENT_AT = 5
 MODEL_V = 6
 MODEL_W = 7
 _VV = 8
-_V_SEEN = 9
-_WW = 10
-_W_SEEN = 11
-_W_ASIDE = 12
 _POSE = 13
 
 
@@ -290,23 +291,21 @@ def learn_response(memory: FloatArray, changes: Command, seen: Observation, elap
     These are least squares that forget. Gains are lasting ones, so what is seen while the model's
     speeds change, by `changes` in this time, counts for less.
     """
-    share = min(elapsed / _MEMORY, 1.0)
     v = memory[MODEL_V]
     w = memory[MODEL_W]
     change_v = changes.v / (elapsed * _STEADY_V)
     change_w = changes.w / (elapsed * _STEADY_W)
-    share_v = share / (1.0 + change_v * change_v)
-    share_w = share / (1.0 + change_w * change_w)
     x = memory[_POSE]
     y = memory[_POSE + 1]
     heading = 0.5 * (memory[_POSE + 2] + seen.yaw)
     aside = math.cos(heading) * (seen.y - y) - math.sin(heading) * (seen.x - x)
     v_y = aside / elapsed
-    memory[_VV] = approach_target(memory[_VV], v * v, share_v)
-    memory[_V_SEEN] = approach_target(memory[_V_SEEN], v * seen.v, share_v)
-    memory[_WW] = approach_target(memory[_WW], w * w, share_w)
-    memory[_W_SEEN] = approach_target(memory[_W_SEEN], w * seen.w, share_w)
-    memory[_W_ASIDE] = approach_target(memory[_W_ASIDE], w * v_y, share_w)
+    seen_v = ((v * v, change_v), (v * seen.v, change_v))
+    seen_w = ((w * w, change_w), (w * seen.w, change_w), (w * v_y, change_w))
+    for k, (product, change) in enumerate(seen_v + seen_w):
+        for first, time in ((_VV, _MEMORY), (_LASTING, _LONG)):
+            share = min(elapsed / time, 1.0) / (1.0 + change * change)
+            memory[first + k] = approach_target(memory[first + k], product, share)
     write_numbers(memory, _POSE, 1, (seen.x, seen.y, seen.yaw))
 
 
@@ -316,12 +315,15 @@ def learnt_references(memory: FloatArray) -> DriverEstimate:
 
     A robot that hardly moved has those of the model.
     """
-    least_v = _LEAST_V * _LEAST_V
-    least_w = _LEAST_W * _LEAST_W
-    w_seen = memory[_W_SEEN]
-    gain_v = (memory[_V_SEEN] + least_v) / (memory[_VV] + least_v)
-    gain_w = (w_seen + least_w) / (memory[_WW] + least_w)
-    slip = memory[_W_ASIDE] / (w_seen + least_w) if w_seen > 0.0 else 0.0
+    gain_v = gain_w = 1.0
+    slip = 0.0
+    for first, time in ((_LASTING, _LONG), (_VV, _MEMORY)):
+        least_v = _LEAST_V * _LEAST_V * _MEMORY / time
+        least_w = _LEAST_W * _LEAST_W * _MEMORY / time
+        w_seen = memory[first + 3]
+        gain_v = (memory[first + 1] + least_v * gain_v) / (memory[first] + least_v)
+        gain_w = (w_seen + least_w * gain_w) / (memory[first + 2] + least_w)
+        slip = (memory[first + 4] + least_w * slip) / (max(w_seen, 0.0) + least_w)
     return DriverEstimate(
         memory[_DRIVER],
         memory[_DRIVER + 1],

@@ -215,11 +215,21 @@ def _step_response(plant: Plant, v: float, w: float, column: int) -> tuple[float
     return settled, 0.5 * settled / (ticks * _SAMPLE_DT)
 
 
+def _greatest_turn(drive: Drive, speed: float) -> float:
+    """Return the greatest yaw-rate command [rad/s] on a path that is driven at a speed [m/s].
+
+    A driver without a limit turns its wheels no faster than they roll there.
+    """
+    if math.isfinite(drive.w_max):
+        return drive.w_max
+    return min(speed, drive.v_max) / drive.command_half_track
+
+
 def limits_of(robots: Sequence[ClosedLoopRobot], speed: float, part: float = 1.0) -> MotionLimits:
     """Return `part` of the motion that all of these robots can do, from steps of their commands.
 
     Turning is measured at a quarter of the `speed` [m/s] of a path: tight bends are driven slowly.
-    Where a driver has no limit the motion has none.
+    Where a driver has no limit of speed the motion has none.
     """
     limits = MotionLimits(*(math.inf,) * 4)
     for robot in robots:
@@ -229,12 +239,12 @@ def limits_of(robots: Sequence[ClosedLoopRobot], speed: float, part: float = 1.0
             straight = _step_response(robot.plant, drive.v_max, 0.0, 0)
             able[0] = min(able[0], part * straight[0])
             able[2] = min(able[2], part * straight[1])
-        if math.isfinite(drive.w_max):
-            v = 0.25 * min(speed, drive.v_max)
-            for w in (drive.w_max, -drive.w_max):
-                turn = _step_response(robot.plant, v, w, 2)
-                able[1] = min(able[1], part * abs(turn[0]))
-                able[3] = min(able[3], part * abs(turn[1]))
+        v = 0.25 * min(speed, drive.v_max)
+        most = _greatest_turn(drive, speed)
+        for w in (most, -most):
+            turn = _step_response(robot.plant, v, w, 2)
+            able[1] = min(able[1], part * abs(turn[0]))
+            able[3] = min(able[3], part * abs(turn[1]))
         limits = MotionLimits(*able)
     return limits
 
@@ -245,7 +255,8 @@ def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: 
     `profile` and `what` name the robot's profile and the reference in the sentence.
     """
     drive = robot.drive
-    gentle = MotionLimits(_EASY_SPEED * drive.v_max, _EASY_TURN * drive.w_max, math.inf, math.inf)
+    turn = _EASY_TURN * _greatest_turn(drive, waypoints.speed)
+    gentle = MotionLimits(_EASY_SPEED * drive.v_max, turn, math.inf, math.inf)
     if _keeps_speed(waypoints, make_feasible(waypoints, gentle, at_rest=False)):
         return None
     limits = limits_of([robot], waypoints.speed)

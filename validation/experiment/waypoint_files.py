@@ -26,7 +26,7 @@ from validation.files.tables import CsvTable, read_csv_table
 
 _HEADER = (
     "a file of waypoints begins with a header that names x and y [m] and, "
-    "if it brings its times, t [s]; one that brings none needs a speed, such as 0.25 m/s"
+    "if it brings its times, t [s]; one that brings none needs speed, such as --speed 0.25"
 )
 _UNITS = {"x": "m", "y": "m", "t": "s", "yaw": "rad"}
 DEFAULT_SPEED = 0.25

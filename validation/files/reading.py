@@ -155,7 +155,7 @@ def load_named(
     if name not in shipped and not exists(path):
         raise ValueError(
             f"no {what} '{one_line(name)}'; there are: {', '.join(shipped)}; "
-            "or give the path of a file"
+            "and no file has that path"
         )
     document = _parse_toml(read_text(path), f"{what} {one_line(name)}")
     try:

@@ -165,7 +165,9 @@ _COMMANDED_S = 0.05
 """Number of missing commands after which a robot is to stop [1], and the usual time between two
 [s], where the driver does not read them more rarely."""
 _DIFF_DRIVE = """\
-# With wheel_separation_multiplier on it the robot turns as it is commanded. What a profile knows of
+# wheel_separation_multiplier is by how wheels that rolled turned the robot; fitted numbers have a
+# standard error beside them. The robot turns as it is commanded as far as its wheels reach the
+# rates that this asks of them: motors that droop under load turn it less. What a profile knows of
 # the driver of before (command_half_track, command_radius) no longer holds: log a drive with these
 # numbers, and calibrate from it. Put your controller's name in place of diff_drive_controller.
 diff_drive_controller:
@@ -195,8 +197,8 @@ diff_drive_controller:
 _NAV2 = """\
 # Limits and dead times of commands for nav2, by {source}.
 # Load it behind your own parameters: the last value of a name counts. What is not known is left to
-# nav2. The robot turns as it is commanded where its driver has the numbers of `robots export --to
-# diff-drive`. MPPI knows ax_max, ax_min and az_max from Jazzy on, model_delay_* from Lyrical on.
+# nav2. The driver is to have the numbers of `robots export --to diff-drive`. MPPI knows ax_max,
+# ax_min and az_max from Jazzy on, model_delay_* from Lyrical on.
 controller_server:
   ros__parameters:
     FollowPath:

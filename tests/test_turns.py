@@ -15,6 +15,7 @@ from ssmr.geometry import wrap_angle
 from tests.ros_drive import Faults, drive_with_faults
 from validation.experiment.loops import (
     chosen_controller,
+    limits_of,
     make_robot,
     open_path,
     run_robots,
@@ -150,6 +151,7 @@ def test_mpc_rests_at_the_end_whatever_share_of_a_turn_a_robot_has(
     numbers = {"delay_v": delay, "delay_w": delay, "x_icr": x_icr, "w_max": math.inf}
     numbers["command_half_track"] = 0.5 * share * (icr.y_l - icr.y_r)
     robot = make_robot(lab.with_(kinematic=numbers), "kinematic")
+    assert all(math.isfinite(limit) for limit in limits_of([robot], 0.4))
     mpc = chosen_controller("mpc", lab)[0]
     corner = tmp_path / "corner.csv"
     corner.write_text("x,y\n0,0\n2,0\n2,2\n0,2\n", encoding="utf-8")

@@ -477,6 +477,16 @@ def test_what_creeps_while_a_robot_turns_on_the_spot_tells_no_unit(noise: float)
     assert faults_of(columns).faults == ()
 
 
+@pytest.mark.parametrize(("until", "kinds"), [(20.0, ["slip"]), (60.0, [])])
+def test_a_robot_that_slips_in_all_turns_is_on_such_ground(until: float, kinds: list[str]) -> None:
+    columns = drive()
+    turn = columns["gyro_z"]
+    slips = (np.abs(turn) > 0.45) & (columns["t"] < until)
+    more = 3.0 * slips * turn * EkfSettings.half_track / EkfSettings.radius
+    sides = {"enc_left": columns["enc_left"] - more, "enc_right": columns["enc_right"] + more}
+    assert [fault.kind for fault in faults_of({**columns, **sides}).faults] == kinds
+
+
 def test_stamps_of_another_unit_are_judged_as_soon() -> None:
     """They do not make delays likely that are longer than the log."""
     log = read_log("sample").on_one_clock()

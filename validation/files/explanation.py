@@ -211,8 +211,9 @@ def _stuck_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             yield Idea(kind, names, words, e.but(changed), freedom)
 
 
-_GROUND = 1.0 / 3.0
-"""Share of the time from which slip of both sides is the ground's, and no fault [1]."""
+_GROUND = 0.25
+"""Share of its mean that slip of both sides has in each third of a log where it is the ground's,
+and no fault [1]."""
 _SLIPPED = 1.2
 """Cost of each window in which wheels slip: a residual of 1.5 times the noise."""
 
@@ -240,7 +241,8 @@ def _slipping_wheels(e: Agreement, names: Blamed) -> Iterator[Idea]:
         (names, (), slips.any(axis=0)),
         (names, TWIST, slips.any(axis=0)),
     ):
-        if np.count_nonzero(where) < 8 or (blamed == names and np.mean(where) > _GROUND):
+        thirds = np.histogram(np.flatnonzero(where), 3, (0, len(where)))[0]
+        if sum(thirds) < 8 or (blamed == names and min(thirds) > _GROUND * np.mean(thirds)):
             continue
         how = "although its wheels stand: is it pushed or carried?"
         if len(blamed) == 1:

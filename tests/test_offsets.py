@@ -13,7 +13,7 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
 from validation.files.inspection import Inspected
 from validation.files.log import Group, Log
-from validation.files.offsets import Offset, estimate_offsets, synchronised
+from validation.files.offsets import Offset, estimate_offsets, lateness_of_first, synchronised
 from validation.files.sensors import Signals
 
 SECONDS = 120.0
@@ -122,6 +122,27 @@ def test_sync_takes_each_delay_out() -> None:
         assert np.sqrt(np.mean((pose.columns[name] - true) ** 2)) < 1.1 * noise
     assert len(pose.t) > len(log.t) - 10
     assert all(abs(offset.seconds) < 2.0 * FEW_MS for offset in Inspected(after).offsets)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.8, 2.0])
+def test_a_late_gyro_leaves_commands_the_delay_of_the_robot(late: float) -> None:
+    """Commands of 0.3 s before the motion, in a log whose gyro alone is late."""
+    log = made(0.0, 0.05, 0.05)
+    t = log.groups["wheels"].t
+    v, w = motion(t + 0.3)[:2]
+    gyro = log.groups["imu"]
+    groups = {
+        **log.groups,
+        "imu": replace(gyro, t=t + late),
+        "cmd": Group("log", t, {"cmd_v": v, "cmd_w": w}),
+    }
+    log = replace(log, groups=groups)
+    offsets = estimate_offsets(Signals(log))
+    follows = -{o.late: o.seconds for o in offsets}["cmd"] - lateness_of_first(offsets)
+    assert follows == pytest.approx(0.3, abs=0.06)
+    after = found_in(synchronised(Signals(log), offsets))
+    assert after["cmd"].seconds == pytest.approx(-follows, abs=0.02)
+    assert after["wheels"].seconds == pytest.approx(0.0, abs=0.02)
 
 
 def test_a_heading_is_not_taken_out_of_a_gap() -> None:

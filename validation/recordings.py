@@ -39,7 +39,7 @@ from validation.files.formats import (
 from validation.files.inspection import REST_LEAST, Inspected, open_log, unbiased
 from validation.files.log import Log, LogFault, ReadOptions
 from validation.files.names import as_option
-from validation.files.offsets import Offset, synchronised, why_without_stamps
+from validation.files.offsets import Offset, lateness_of_first, synchronised, why_without_stamps
 from validation.files.reading import FileError, exists, read_file
 from validation.files.sensors import Signals
 from validation.output import Document, file_name, make_folder, write_json
@@ -121,7 +121,7 @@ class Convert(LogOptions):
     unbias: bool = False
     """Take out the gyro's mean at rest."""
     sync: bool = False
-    """Take estimated offsets of time out of the measurements; commands stay."""
+    """Take estimated offsets of time out of the measurements; commands keep the robot's delay."""
     since: cli.Since = None
     """Leave out what was logged before this time."""
     until: float | None = None
@@ -302,7 +302,7 @@ def convert(o: Convert) -> LogReport:
     notes = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {rate:.2f} Hz: {columns}"]
     if o.sync and inspected.offsets:
         notes.append(
-            "the offsets of time were taken out of the measurements; commands stay as they were"
+            "offsets of time were taken out of the measurements; commands keep the robot's delay"
         )
     return LogReport(
         title=log.path.name,
@@ -373,7 +373,8 @@ def _name_uses(found: Inspected) -> str:
 def _delay_of_commands(found: Inspected) -> str:
     """Return how late the robot follows, in brackets; nothing where that is not found."""
     why = why_without_stamps(found.log)
-    seconds = [offset.seconds for offset in found.offsets if offset.late == "cmd"]
+    first = lateness_of_first(found.offsets)
+    seconds = [offset.seconds + first for offset in found.offsets if offset.late == "cmd"]
     if not seconds:
         return f" (how late the robot follows cannot be told: {why})" if why else ""
     if seconds[0] > 0.0:

@@ -8,7 +8,7 @@ are measured, and taken out, one by one.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -178,16 +178,26 @@ def _position_offset(
     return Offset("position", first.behind, late + first.seconds, alike, both)
 
 
-def synchronised(signals: Signals, offsets: Iterable[Offset]) -> Log:
+def lateness_of_first(offsets: Sequence[Offset]) -> float:
+    """Return how late the clock is that others are behind [s].
+
+    Nothing measures a motion before it happens: if all others do, that clock is late.
+    """
+    early = [-offset.seconds for offset in offsets if offset.late != "cmd"]
+    return max(0.0, min(early, default=0.0))
+
+
+def synchronised(signals: Signals, offsets: Sequence[Offset]) -> Log:
     """Return the log with offsets taken out of the measurements.
 
-    Commands stay, for their delay is the robot's.
+    Commands keep the delay that is the robot's, and go with the first clock where that is late.
     Positions and headings are corrected one by one, and stay together: at each corrected stamp of a
     position the heading is interpolated between new ones. Samples that would need a heading from a
     gap or from beyond the ends are left out. Where only one of the two delays is known, it is that
     of both.
     """
-    late = {offset.late: offset.seconds for offset in offsets if offset.late != "cmd"}
+    late = {offset.late: offset.seconds for offset in offsets}
+    late["cmd"] = -lateness_of_first(offsets)
     log = signals.log
     groups = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in log.groups.items()}
     delays = [late[name] for name in ("position", "pose_yaw") if name in late]

@@ -18,7 +18,6 @@ from validation.files.log import LogFault
 from validation.files.motion import (
     ENCODERS,
     ODOMETRY,
-    RATES,
     TWIST,
     NewPoses,
     Way,
@@ -191,10 +190,9 @@ def _possible_origins(signals: Signals) -> Iterator[tuple[tuple[str, ...], _Ways
     integrated by its means, and as most robots do it: a rate times the time since the one before.
     """
     summed = {
-        name: (group.t, np.cumsum(group.columns[name] * np.diff(group.t, prepend=group.t[0])))
+        name: (group.t, np.cumsum(rates * np.diff(group.t, prepend=group.t[0])))
         for group in signals.log.groups.values()
-        for name in RATES
-        if name in group.columns
+        for name, rates in group.columns.items()
     }
     for names in (ENCODERS, ODOMETRY, TWIST):
         for ways in (signals.ways, summed):

@@ -480,8 +480,15 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
     for o in offsets:
         # what leads is what the other one is behind
         late, behind = (o.late, o.behind) if o.seconds >= 0.0 else (o.behind, o.late)
-        row = {"signal": late, "behind": behind, "late_s": abs(o.seconds)}
-        rows.append({**row, "correlation": o.correlation, "standard_error_s": o.standard_error})
+        rows.append(
+            {
+                "signal": late,
+                "behind": behind,
+                "late_s": abs(o.seconds),
+                "correlation": o.correlation,
+                "standard_error_s": o.standard_error,
+            }
+        )
     units = {
         "late_s": Unit("s", 1.0, 4),
         "standard_error_s": Unit("s", 1.0, 4),

@@ -98,7 +98,7 @@ class SignalPair(NamedTuple):
     columns: frozenset[str]
     """Columns that tell it."""
     factor: float
-    """Ratio of a to b over the typical one, whether possible or not; 1 where they differ [1]."""
+    """Ratio of a to b over the typical one, whether possible or not; 1 where a is noise [1]."""
     cost: FloatArray
     """(N,) cost of what is left over in each window; NaN where one tells nothing."""
 
@@ -144,8 +144,9 @@ class Agreement:
         for told in (speeds, turns):
             if "cmd" in told:
                 told["cmd"] = np.where(self.commanded, told["cmd"], math.nan)
-        if self.signals.radius is not None and "wheels" in speeds:
-            speeds["wheels"] = speeds["wheels"] * (self.signals.radius / STOCK.radius)
+        if "wheels" in speeds:
+            radius = self.signals.radius or STOCK.radius
+            speeds["wheels"] = speeds["wheels"] * (radius / STOCK.radius)
         return speeds, turns
 
     @cached_property
@@ -261,7 +262,8 @@ class Agreement:
             able = fit_factor(usual, free=False)
             costs, factor = min(found, able, key=lambda fit: float(fit[0].sum()))
         cost[both] = costs
-        ratio = max(factor, 1e-9) / usual if related else 1.0
+        # what is within the noise has no ratio
+        ratio = max(factor, 1e-9) / usual if x @ x > variance.sum() else 1.0
         return SignalPair(what, a, b, columns, ratio, cost)
 
     def _sideways(self, along: FloatArray, turn: FloatArray) -> SignalPair:

@@ -207,8 +207,7 @@ def _stuck_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             changed[name] = np.where(stuck, told, mean)
         if changed and np.mean([*at.values()]) > 0.03:
             words = f"{join_names(names, 'keep')} a value, though the others vary: {kind}"
-            freedom = 1.0 + len(names)
-            yield Idea(kind, names, words, e.but(changed), freedom)
+            yield Idea(kind, names, words, e.but(changed), 1.0 + len(names))
 
 
 _GROUND = 0.25
@@ -258,8 +257,7 @@ def _slipping_wheels(e: Agreement, names: Blamed) -> Iterator[Idea]:
         # each window costs as much as if nothing were told in it
         price = _SLIPPED * (1.0 + 0.75 * len(others))
         freedom = 3.0 + len(others) + price * np.count_nonzero(where) / math.log(len(where))
-        after = e.but(changed)
-        yield Idea("slip", blamed, words, after, freedom)
+        yield Idea("slip", blamed, words, e.but(changed), freedom)
 
 
 def _unrelated_signals(e: Agreement, names: Blamed) -> Iterator[Idea]:

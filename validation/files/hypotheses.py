@@ -215,8 +215,7 @@ def _curved_rates(e: Agreement, names: Blamed) -> Iterator[Idea]:
     """Yaw rates that are curvatures of the path."""
     v, w = names
     words = f"{w} follows the curvature of the path: times {v} it tells the turn"
-    turned = e.but({w: e.means[v] * e.means[w]})
-    yield Idea("curvature", (w,), words, turned)
+    yield Idea("curvature", (w,), words, e.but({w: e.means[v] * e.means[w]}))
 
 
 def _unsigned_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
@@ -368,7 +367,8 @@ def _trends_of_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
     for name, basis in list_bases(e, names).items():
         values = e.means[name]
         factors = fit_factors(np.hstack([basis, share[:, None] * basis]), values)
-        growths.append(factors[basis.shape[1]] / (factors[0] or 1.0))
+        if explain_share(values[:, None], basis, [0]) > _SURE:
+            growths.append(factors[basis.shape[1]] / (factors[0] or 1.0))
         if len(names) > 1:
             continue
         level, slope, *_ = fit_factors(np.column_stack([one, share, basis]), values)
@@ -380,8 +380,7 @@ def _trends_of_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             yield Idea("offset", names, words, e.but({name: values - level}), 1.0, True)
         if abs(slope) > _DRIFT:
             words = f"{name} less the yaw rate grows by {slope:.2f} rad/s in the log: it drifts"
-            after = e.but({name: values - level - slope * share})
-            yield Idea("drift", names, words, after, 2.0)
+            yield Idea("drift", names, words, e.but({name: values - level - slope * share}), 2.0)
     growth = float(np.mean(growths)) if growths else 0.0
     if 0.05 < abs(growth) < 1.9:
         # a factor that it has from the first on is another cause
@@ -390,8 +389,7 @@ def _trends_of_columns(e: Agreement, names: Blamed) -> Iterator[Idea]:
             f"{join_names(names, 'tell')} a motion that grows to {trend[-1]:.2f} times what it is "
             "at first beside the other signals"
         )
-        after = e.but({name: e.means[name] / trend for name in names})
-        yield Idea("scale", names, words, after, 2.0)
+        yield Idea("scale", names, words, e.but({n: e.means[n] / trend for n in names}), 2.0)
 
 
 # ------------------------------------------------------------------------------------------ time
@@ -514,8 +512,9 @@ def _other_clocks(e: Agreement, names: Blamed) -> Iterator[Idea]:
             f"and {last:.2f} s at last: one of their clocks runs {100.0 * abs(slope):.1f} % faster"
         )
         middles = start + slope * (t - 0.5 * np.ptp(t) / parts)
-        after = e.but(e.signals.windows.means_of(ways, group, middles))
-        yield Idea("clock", names, words, after, 3.0)
+        yield Idea(
+            "clock", names, words, e.but(e.signals.windows.means_of(ways, group, middles)), 3.0
+        )
 
 
 _WIDTHS_S = (2.0, 3.0, 4.0, 6.0, 8.0)

@@ -262,8 +262,8 @@ class Agreement:
             able = fit_factor(usual, free=False)
             costs, factor = min(found, able, key=lambda fit: float(fit[0].sum()))
         cost[both] = costs
-        # what is within the noise has no ratio
-        ratio = max(factor, 1e-9) / usual if x @ x > variance.sum() else 1.0
+        # what noise explains has no ratio
+        ratio = max(factor, 1e-9) / usual if related or np.mean(costs) > math.log(2.0) else 1.0
         return SignalPair(what, a, b, columns, ratio, cost)
 
     def _sideways(self, along: FloatArray, turn: FloatArray) -> SignalPair:

@@ -256,7 +256,7 @@ def _slipping_wheels(e: Agreement, names: Blamed) -> Iterator[Idea]:
         }
         # each window costs as much as if nothing were told in it
         price = _SLIPPED * (1.0 + 0.75 * len(others))
-        freedom = 3.0 + len(others) + price * np.count_nonzero(where) / math.log(len(where))
+        freedom = 3.0 + len(others) + price * sum(thirds) / math.log(len(where))
         yield Idea("slip", blamed, words, e.but(changed), freedom)
 
 

@@ -408,8 +408,8 @@ def _time_unit(e: Agreement, names: Blamed) -> Iterator[Idea]:
         f"the pose turns and drives {factor:.3g} times as fast as the other sensors say: "
         f"t is not in seconds{', but grows by one a row: it seems to count rows' * rows}"
     )
-    after = e.but({**changed, "heading": e.means["heading"]})
-    yield Idea("clock", ("t", *names), words, after, 2.0 if rows else 4.0)
+    changed["heading"] = e.means["heading"]
+    yield Idea("clock", ("t", *names), words, e.but(changed), 2.0 if rows else 4.0)
 
 
 _LONG = 0.002

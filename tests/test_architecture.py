@@ -484,7 +484,7 @@ PRICES = {
     "validation/files": Price(
         57_820,
         30,
-        118,
+        119,
         "any log, a frame of pandas too, is read as one form, of tables in any usual layout, with "
         "names and units of others, and of bags on one clock with the most independent pose and "
         "the efforts of joints; one model explains it, and of hypotheses that compete the best is "

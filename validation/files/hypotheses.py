@@ -206,9 +206,10 @@ def _turning_frames(e: Agreement, names: Blamed) -> Iterator[Idea]:
         f"x and y turn by {turn[0]:z.3f} rad/s against the others, and yaw by {own:z.3f}, evenly: "
         "the localiser's frame turns, or its heading adds up a gyro's offset"
     )
-    turned = {"yaw": e.means["yaw"] - own, "heading": still}
-    yield Idea("drift", ("yaw",), words, e.but(turned), 2.0)
-    yield Idea("frame", names, words, e.but({**turned, "x": path.real, "y": path.imag}), 5.0)
+    even = {"yaw": e.means["yaw"] - own}
+    yield Idea("drift", ("yaw",), words, e.but(even), 1.0)  # from a heading that was right
+    changed = {"x": path.real, "y": path.imag, **even, "heading": still}
+    yield Idea("frame", names, words, e.but(changed), 5.0)
 
 
 def _curved_rates(e: Agreement, names: Blamed) -> Iterator[Idea]:

@@ -482,7 +482,7 @@ PRICES = {
         "is weighed against what a turn needs; each is a plant by its path",
     ),
     "validation/files": Price(
-        57_820,
+        57_850,
         30,
         119,
         "any log, a frame of pandas too, is read as one form, of tables in any usual layout, with "

@@ -487,6 +487,12 @@ def test_a_robot_that_slips_in_all_turns_is_on_such_ground(until: float, kinds: 
     assert [fault.kind for fault in faults_of({**columns, **sides}).faults] == kinds
 
 
+def test_commands_of_turns_in_degrees_are_told_by_their_factor_and_their_unit() -> None:
+    (fault,) = faults_of(scaled(180.0 / np.pi, "cmd_w")(drive())).faults
+    assert "cmd_w tells 57." in fault.sentence
+    assert "it seems to be in deg/s: --columns cmd_w=cmd_w:deg/s" in fault.sentence
+
+
 def test_stamps_of_another_unit_are_judged_as_soon() -> None:
     """They do not make delays likely that are longer than the log."""
     log = read_log("sample").on_one_clock()

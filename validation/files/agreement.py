@@ -65,7 +65,7 @@ _TURNS = {
     "pose": _Bounds(("yaw",), (0.93, 1.0, 1.07), 0.04, 0.1),
     "odom": _Bounds(("odom_w",), (0.6, 1.0, 4.0), 0.15, 0.2),
     "wheels": _Bounds(ENCODERS, (0.78, 1.89, 7.5), 0.15, 0.2),
-    "cmd": _Bounds(("cmd_w",), (0.6, 2.3, 15.0), 0.35, 0.6),
+    "cmd": _Bounds(("cmd_w",), (0.6, 1.0, 15.0), 0.35, 0.6),
 }
 """By sensor, what it does as a witness of the yaw rate.
 

@@ -243,7 +243,7 @@ _PRECISIONS: Mapping[Blamed, float] = {
     ("yaw",): 0.03,
     ("gyro_z",): 0.02,
     ("odom_w",): 0.1,
-    ("cmd_w",): 0.2,
+    ("cmd_w",): 0.02,
     PLACE: 0.08,
     ("odom_v",): 0.1,
     ("cmd_v",): 0.12,

@@ -172,7 +172,7 @@ class Jumps:
         notes = []
         if self.caught_up:
             notes.append(
-                f"the localiser stalls and catches up {self.caught_up} times: "
+                f"stalls after which the localiser catches up: {self.caught_up}; "
                 "its poses are late there, and no jumps"
             )
         n = len(self.t)

@@ -16,7 +16,6 @@ Python has for it, such as `\x1b` or `\u202e`, and a byte of a file name that is
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import math
 import os
@@ -252,6 +251,8 @@ def return_memory() -> None:
 
     It keeps half of what a log of hours fills, in pieces into which nothing large fits any more.
     """
+    import ctypes  # here: no process that is told its limits needs it
+
     trim = getattr(ctypes.pythonapi, "malloc_trim", None)
     if trim is not None:
         trim(0)

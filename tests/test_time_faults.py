@@ -142,8 +142,11 @@ def mean_off_path(law: str, fault: str, seeds: Sequence[int] = SEEDS) -> float:
     return float(np.mean([off_path(drive(law, fault, seed)) for seed in seeds]))
 
 
-SHORT = pytest.mark.xfail(strict=True, reason="1.7 times: it makes up for its clock in bends")
-"""This row misses the aim of 1.3 times."""
+SHORT = {
+    "dead time + 0.3 s": "1.7 times: it makes up for its clock in bends",
+    "dead time + 0 to 0.3 s, new every 0.1 s": "1.4 times, on ten seeds too",
+}
+"""Rows that miss the aim of 1.3 times, and why."""
 
 
 @pytest.mark.parametrize(
@@ -152,7 +155,12 @@ SHORT = pytest.mark.xfail(strict=True, reason="1.7 times: it makes up for its cl
         ("as known", SEEDS[:1]),
         *(
             pytest.param(
-                fault, SEEDS, marks=[pytest.mark.slow, *([SHORT] * (fault == "dead time + 0.3 s"))]
+                fault,
+                SEEDS,
+                marks=[
+                    pytest.mark.slow,
+                    pytest.mark.xfail(fault in SHORT, strict=True, reason=SHORT.get(fault, "")),
+                ],
             )
             for fault in FAULTS
         ),

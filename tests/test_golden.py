@@ -179,7 +179,9 @@ def said_by(command: Sequence[str], out: Path) -> dict[str, Any]:
                     () if path.suffix == ".json" else (path.name,),
                 )
             )
-    return dict(sorted(numbers.items()))
+    # titles have the paths of recordings, which lie elsewhere on each machine
+    folder = str(data_folder())
+    return {name.replace(folder, "{data}"): numbers[name] for name in sorted(numbers)}
 
 
 def made_on() -> str:

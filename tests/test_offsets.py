@@ -13,7 +13,7 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
 from validation.files.inspection import Inspected
 from validation.files.log import Group, Log
-from validation.files.offsets import Offset, estimate_offsets, lateness_of_first, synchronised
+from validation.files.offsets import Offset, estimate_offsets, lateness_of_first, take_out_offsets
 from validation.files.sensors import Signals
 
 SECONDS = 120.0
@@ -115,7 +115,7 @@ def test_sync_takes_each_delay_out() -> None:
         Offset(name, "imu", s, 1.0)
         for name, s in (("wheels", 0.2), ("position", 0.1), ("pose_yaw", 0.22))
     ]
-    after = synchronised(Signals(log), offsets)
+    after = take_out_offsets(Signals(log), offsets)
     pose = after.groups["pose"]
     x, y, yaw = motion(pose.t)[2:]
     for name, true, noise in (("x", x, 0.007), ("y", y, 0.007), ("yaw", yaw, 0.01)):
@@ -140,7 +140,7 @@ def test_a_late_gyro_leaves_commands_the_delay_of_the_robot(late: float) -> None
     offsets = estimate_offsets(Signals(log))
     follows = -{o.late: o.seconds for o in offsets}["cmd"] - lateness_of_first(offsets)
     assert follows == pytest.approx(0.3, abs=0.06)
-    after = found_in(synchronised(Signals(log), offsets))
+    after = found_in(take_out_offsets(Signals(log), offsets))
     assert after["cmd"].seconds == pytest.approx(-follows, abs=0.02)
     assert after["wheels"].seconds == pytest.approx(0.0, abs=0.02)
 
@@ -150,7 +150,7 @@ def test_a_heading_is_not_taken_out_of_a_gap() -> None:
     pose = log.groups["pose"].where((log.t < 40.0) | (log.t > 45.0))
     offsets = [Offset("pose_yaw", "imu", 0.3, 1.0), Offset("position", "imu", 0.0, 1.0)]
     cut = Signals(replace(log, groups={**log.groups, "pose": pose}))
-    after = synchronised(cut, offsets).groups["pose"]
+    after = take_out_offsets(cut, offsets).groups["pose"]
     assert not np.any((after.t > 39.75) & (after.t < 45.0))
     assert np.abs(after.columns["yaw"] - motion(after.t)[4]).max() < 0.06  # five times the noise
 

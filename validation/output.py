@@ -1,4 +1,4 @@
-r"""What leaves this project: harmless words, files that are whole, memory, and progress.
+r"""Make words harmless, write files whole, return memory, and report progress.
 
 Foreign text (names of files, topics, columns, profiles) is made harmless where it leaves.
 Each medium has one function. None loses a character: what could move a cursor, start an escape

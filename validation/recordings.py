@@ -39,7 +39,7 @@ from validation.files.formats import (
 from validation.files.inspection import REST_LEAST, Inspected, open_log, unbiased
 from validation.files.log import Log, LogFault, ReadOptions
 from validation.files.names import as_option
-from validation.files.offsets import Offset, lateness_of_first, synchronised, why_without_stamps
+from validation.files.offsets import Offset, lateness_of_first, take_out_offsets, why_without_stamps
 from validation.files.reading import FileError, exists, read_file
 from validation.files.sensors import Signals
 from validation.output import Document, file_name, make_folder, write_json
@@ -292,7 +292,7 @@ def convert(o: Convert) -> LogReport:
     inspected = o.opened()
     log = inspected.log
     if o.sync:
-        log = synchronised(inspected, inspected.offsets)
+        log = take_out_offsets(inspected, inspected.offsets)
     if o.unbias:
         log = unbiased(log, inspected.rest)
     merged = log.cut(o.since, o.until).on_one_clock(o.rate)

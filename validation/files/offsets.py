@@ -187,7 +187,7 @@ def lateness_of_first(offsets: Sequence[Offset]) -> float:
     return max(0.0, min(early, default=0.0))
 
 
-def synchronised(signals: Signals, offsets: Sequence[Offset]) -> Log:
+def take_out_offsets(signals: Signals, offsets: Sequence[Offset]) -> Log:
     """Return the log with offsets taken out of the measurements.
 
     Commands keep the delay that is the robot's, and go with the first clock where that is late.
